@@ -1,0 +1,1 @@
+"""What the grounding methods share: the augmented MDP, the action transformation policy, the discriminator."""

@@ -1,0 +1,83 @@
+"""The discriminator D(s, a, s') that tells grounded transitions (label 1) from the target's (label 0)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import nn
+
+from mpge_bench.baselines.policy import Array
+from mpge_bench.baselines.problem import Transitions
+
+
+@dataclass(frozen=True)
+class DiscriminatorSettings:
+    """Hyperparameters of the discriminator; defaults as in MPGE's appendix."""
+
+    width: int = 256
+    learning_rate: float = 3e-4
+    batch_size: int = 512
+    entropy_coefficient: float = 1e-3
+    gradient_penalty: float = 10.0
+
+
+class Discriminator:
+    """Two tanh layers on (s, a, s'), trained on cross-entropy with a gradient penalty (Gulrajani et al. 2017) and an entropy bonus.
+
+    Inputs are normalised by the target's statistics; s' enters as s' − s, an invertible change of variables without which the change of a step would be lost
+    beside the spread of the states.
+
+    Args:
+        target: the target's transitions.
+        settings: hyperparameters.
+        generator: for weights' and batches' randomness.
+    """
+
+    def __init__(self, target: Transitions, settings: DiscriminatorSettings, generator: torch.Generator) -> None:
+        self.settings, self.generator = settings, generator
+        inputs = self._inputs(target)
+        self._mean, self._std = inputs.mean(0), np.maximum(inputs.std(0), 1e-6)
+        self.target = self._normalised(target)
+        size, width = inputs.shape[1], settings.width
+        self.network = nn.Sequential(nn.Linear(size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh(), nn.Linear(width, 1))
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate)
+
+    @staticmethod
+    def _inputs(transitions: Transitions) -> Array:
+        change = transitions.next_observations - transitions.observations
+        return np.concatenate((transitions.observations, transitions.actions, change), axis=1)
+
+    def _normalised(self, transitions: Transitions) -> torch.Tensor:
+        inputs = (self._inputs(transitions) - self._mean) / self._std
+        return torch.as_tensor(np.clip(inputs, -10, 10), dtype=torch.float32)
+
+    def update(self, transitions: Transitions) -> dict[str, float]:
+        """One pass over grounded `transitions` in pieces of `batch_size`, each against as many of the target's; returns loss and accuracy."""
+        settings, log = self.settings, {"loss": 0.0, "accuracy": 0.0}
+        grounded = self._normalised(transitions)
+        pieces = torch.randperm(len(grounded), generator=self.generator).split(settings.batch_size)
+        for piece in pieces:
+            fake = grounded[piece]
+            real = self.target[torch.randint(len(self.target), (len(fake),), generator=self.generator)]
+            logits = self.network(torch.cat((fake, real)))[:, 0]
+            labels = torch.cat((torch.ones(len(fake)), torch.zeros(len(real))))
+            entropy = torch.distributions.Bernoulli(logits=logits).entropy().mean()
+            mix = torch.rand(len(fake), 1, generator=self.generator)
+            between = (mix * fake + (1 - mix) * real).requires_grad_()
+            (gradient,) = torch.autograd.grad(self.network(between).sum(), between, create_graph=True)
+            penalty = ((gradient.norm(dim=1) - 1) ** 2).mean()
+            loss = nn.functional.binary_cross_entropy_with_logits(logits, labels)
+            self.optimizer.zero_grad()
+            (loss - settings.entropy_coefficient * entropy + settings.gradient_penalty * penalty).backward()
+            self.optimizer.step()
+            log["loss"] += loss.item() / len(pieces)
+            log["accuracy"] += ((logits > 0) == (labels > 0.5)).float().mean().item() / len(pieces)
+        return log
+
+    def reward(self, transitions: Transitions) -> Array:
+        """−log D(s, a, s') of shape (n,): large where a grounded transition passes for the target's."""
+        with torch.no_grad():
+            logits = self.network(self._normalised(transitions))[:, 0]
+            return nn.functional.softplus(-logits).numpy()

@@ -1,0 +1,219 @@
+"""Multi-policy grounding, MPG (Lee et al. 2022): ground the source with K rollout policies, then learn the agent there."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from sb3_contrib import TRPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+
+from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.grounding.augmented import AugmentedMDP
+from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
+from mpge_bench.baselines.grounding.transformation import LearntTransformation, TransformationPolicy
+from mpge_bench.baselines.method import Result
+from mpge_bench.baselines.policy import Array, PolicySet, arrays
+from mpge_bench.baselines.presets import settings_from
+from mpge_bench.baselines.problem import Problem, Transitions
+from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.vector import Worlds
+from mpge_bench.envs import RobotEnv
+
+
+@dataclass(frozen=True)
+class GroundingSettings:
+    """Hyperparameters of one grounding; `steps` is its budget of control steps, `batch_size` what πg and D are updated on."""
+
+    steps: int
+    worlds: int = 16
+    batch_size: int = 2048
+    #: πg starts as a = ã with this standard deviation, in units of its range (the full width of the action range).
+    initial_std: float = 0.1
+    target_kl: float = 0.01
+    value_learning_rate: float = 1e-3
+    value_updates: int = 5
+    width: int = 64
+    #: Passes of D over each batch, in pieces of the discriminator's own batch size.
+    discriminator_passes: int = 1
+    discriminator: DiscriminatorSettings = field(default_factory=DiscriminatorSettings)
+    #: Steps between two points of the learning curve.
+    checkpoint: int = 100_000
+
+
+@dataclass(frozen=True)
+class MPGSettings:
+    """Hyperparameters of MPG and of its kin: `ensemble` is N, the number of groundings."""
+
+    grounding: GroundingSettings
+    agent: AgentSettings
+    ensemble: int = 1
+
+
+class _Steps(BaseCallback):
+    """Tells how many steps were made; TRPO's collection wants a callback anyway."""
+
+    def __init__(self, advance: Callable[[int], None], worlds: int) -> None:
+        super().__init__()
+        self.advance, self.worlds = advance, worlds
+
+    def _on_step(self) -> bool:
+        self.advance(self.worlds)
+        return True
+
+
+def ground(
+    source: Callable[[], RobotEnv],
+    rollouts: PolicySet,
+    target: Transitions,
+    settings: GroundingSettings,
+    seed: int,
+    advance: Callable[[int], None],
+    log_dir: Path,
+) -> dict[int, dict[str, Array]]:
+    """Algorithm 1 of Lee et al. 2022: learn πg so that D cannot tell grounded transitions from the target's.
+
+    With one rollout policy it is GARAT (Desai et al. 2020) with γ = 0. The numbers are the algorithm's lines.
+
+    Args:
+        source: makes source environments.
+        rollouts: π1..πK.
+        target: the demonstrations B1,trg..BK,trg, together.
+        settings: hyperparameters.
+        seed: of everything random here.
+        advance: told of control steps done.
+        log_dir: for TensorBoard curves.
+
+    Returns:
+        πg's weights at each checkpoint and at the end, by control steps done.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    worlds = Worlds(source, settings.worlds, seed, members=len(rollouts))
+    # 2, 6-8: at each episode's start Worlds draws i, the index of the rollout policy.
+    mdp = AugmentedMDP(worlds, rollouts, seed)
+    # 1: πg with its K value heads, and one discriminator for all.
+    trpo = TRPO(
+        TransformationPolicy,
+        mdp,
+        gamma=0.0,
+        gae_lambda=0.95,
+        n_steps=settings.batch_size // settings.worlds,
+        batch_size=settings.batch_size // 4,
+        target_kl=settings.target_kl,
+        cg_max_steps=15,
+        cg_damping=0.1,
+        n_critic_updates=settings.value_updates,
+        learning_rate=settings.value_learning_rate,
+        policy_kwargs={"heads": len(rollouts), "width": settings.width, "initial_std": settings.initial_std},
+        seed=seed,
+        device="cpu",
+    )
+    trpo.set_logger(configure(str(log_dir), ["tensorboard"]))
+    _, callback = trpo._setup_learn(settings.steps, _Steps(advance, settings.worlds))
+    known = np.concatenate((target.observations, target.actions), axis=1)
+    trpo.policy.features_extractor.set(known.mean(0), known.std(0))  # type: ignore[operator]
+    discriminator = Discriminator(target, settings.discriminator, generator)
+    checkpoints: dict[int, dict[str, Array]] = {}
+    for batch in range(1, _batches(settings) + 1):  # 3
+        # 4-12: roll the current policies out in the grounded source.
+        trpo.collect_rollouts(mdp, callback, trpo.rollout_buffer, trpo.n_steps)
+        transitions = mdp.take_transitions()
+        # 13: the discriminator's ascent.
+        for _ in range(settings.discriminator_passes):
+            log = discriminator.update(transitions)
+        # 14: πg's and the value heads' step on the reward −log D; γ = 0, so that what comes after the last step is of no consequence.
+        trpo.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds)
+        trpo.rollout_buffer.compute_returns_and_advantage(torch.zeros(settings.worlds), np.zeros(settings.worlds))
+        trpo.train()
+        steps = batch * settings.batch_size
+        for name, value in log.items():
+            trpo.logger.record(f"discriminator/{name}", value)
+        trpo.logger.record("grounding/reward", float(trpo.rollout_buffer.rewards.mean()))
+        trpo.logger.dump(steps)
+        if steps % settings.checkpoint < settings.batch_size or batch == _batches(settings):
+            checkpoints[steps] = arrays(trpo.policy)
+    return checkpoints
+
+
+def _batches(settings: GroundingSettings) -> int:
+    return max(1, settings.steps // settings.batch_size)
+
+
+_queue: Any = None
+
+
+def _start_worker(queue: Any) -> None:
+    """Ctrl-C is the parent's to handle; one thread a process, since the networks are small."""
+    global _queue
+    _queue = queue
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    torch.set_num_threads(1)
+
+
+def _ground_in_worker(*arguments: Any) -> dict[int, dict[str, Array]]:
+    source, rollouts, target, settings, seed, log_dir = arguments
+    return ground(source, rollouts, target, settings, seed, _queue.put, log_dir)
+
+
+def ground_ensemble(
+    problem: Problem, target: Transitions, settings: MPGSettings, seed: int, progress: Progress, log_dir: Path, jobs: int
+) -> list[dict[int, dict[str, Array]]]:
+    """N groundings that differ by seed alone, up to `jobs` of them at a time."""
+    progress.stage(f"grounding × {settings.ensemble}", settings.ensemble * _batches(settings.grounding) * settings.grounding.batch_size)
+    calls = [
+        (problem.source, problem.rollouts, target, settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
+        for member in range(settings.ensemble)
+    ]
+    if min(jobs, settings.ensemble) == 1:
+        return [ground(*call[:-1], progress.advance, call[-1]) for call in calls]
+    context = multiprocessing.get_context("spawn")
+    queue = context.SimpleQueue()
+    with context.Pool(min(jobs, settings.ensemble), _start_worker, (queue,)) as pool:
+        waiting = [pool.apply_async(_ground_in_worker, call) for call in calls]
+        while not all(one.ready() for one in waiting):
+            time.sleep(0.2)
+            while not queue.empty():
+                progress.advance(queue.get())
+        return [one.get() for one in waiting]
+
+
+class MPG:
+    """MPG: K rollout policies, one grounding (N = 1), the agent learnt in it from the source policy on."""
+
+    summary = "multi-policy grounding, then learning in the grounded source (Lee et al. 2022)"
+    preset: str | None = "mpg"
+
+    def rollouts(self, seed: int, available: int) -> list[int]:
+        # The agent starts from the first of them, so that seeds start from different policies.
+        return [(seed + index) % available for index in range(available)]
+
+    def train(self, problem: Problem, settings: Mapping[str, Any], seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+        chosen = settings_from(MPGSettings, settings)
+        begun = time.monotonic()
+        target = problem.demonstrations(problem.rollouts)
+        members = ground_ensemble(problem, target, chosen, seed, progress, log_dir, jobs)
+        grounded = time.monotonic()
+        limit = problem.robot.action_limit
+        checkpoints = {
+            steps: LearntTransformation(PolicySet([member[steps] for member in members], 2 * limit), limit) for steps in members[0]
+        }
+        grounding = checkpoints[max(checkpoints)]
+        worlds = Worlds(problem.source, chosen.agent.worlds, seed, grounding)
+        progress.stage("agent in the grounded source", chosen.agent.steps)
+        start = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in problem.rollouts.weights[0].items()}
+        policy = train_agent(worlds, chosen.agent, seed, start=start, progress=progress.advance, log_dir=log_dir / "agent")
+        return Result(
+            policy.state_dict(),
+            grounding,
+            checkpoints,
+            steps={"grounding": len(members) * max(checkpoints), "agent": worlds.steps},
+            seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
+        )

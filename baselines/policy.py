@@ -1,0 +1,192 @@
+"""The agents' policy network: Gaussian, its standard deviation a function of the state, its inputs normalised; saved without any pickle."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from mpge_bench.envs.errors import UserError
+
+Array = npt.NDArray[Any]
+
+#: Bounds of the logarithm of the standard deviation, in units of the action limit.
+LOG_STD_RANGE = (-4.0, 1.0)
+CLIP = 10.0
+#: stable-baselines3 lists the features extractor three times in a state dict; files keep it once.
+_SHARED = ("pi_", "vf_")
+
+
+class Normalizer(BaseFeaturesExtractor):
+    """Scales inputs to zero mean and unit variance by statistics that are part of the network (and so travel with it), cut off at ±10.
+
+    The last `passed` inputs go through as they are.
+    """
+
+    def __init__(self, observation_space: gymnasium.spaces.Box, passed: int = 0) -> None:
+        size = int(np.prod(observation_space.shape)) - passed
+        super().__init__(observation_space, size + passed)
+        self.size = size
+        self.mean: torch.Tensor
+        self.std: torch.Tensor
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("std", torch.ones(size))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        scaled = torch.clamp((observations[:, : self.size] - self.mean) / self.std, -CLIP, CLIP)
+        return torch.cat((scaled, observations[:, self.size :]), dim=1)
+
+    def set(self, mean: Array, std: Array) -> None:
+        """Replace the statistics by `mean` and `std`, both of the input's shape."""
+        self.mean.copy_(torch.as_tensor(mean))
+        self.std.copy_(torch.as_tensor(np.maximum(std, 1e-6)))
+
+
+class GaussianPolicy(ActorCriticPolicy):
+    """Actor and critic of two tanh layers each; mean and log standard deviation are both functions of the state.
+
+    stable-baselines3's own Gaussian policy has one standard deviation for all states, but an entropy-regularised rollout set (MPGE, section 4) needs
+    an entropy that differs from state to state. Outputs are in units of the action limit, so that pendulum (±3) and hopper (±1) share settings.
+    """
+
+    def __init__(
+        self,
+        observation_space: gymnasium.spaces.Box,
+        action_space: gymnasium.spaces.Box,
+        lr_schedule: Callable[[float], float],
+        width: int = 64,
+        initial_std: float = 0.5,
+        **kwargs: Any,
+    ) -> None:
+        self.width = width
+        self.initial_std = initial_std
+        self.limit = float(action_space.high[0])
+        kwargs = {"net_arch": [width, width], "activation_fn": nn.Tanh, "features_extractor_class": Normalizer, **kwargs}
+        super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    def _build(self, lr_schedule: Callable[[float], float]) -> None:
+        super()._build(lr_schedule)
+        assert isinstance(self.action_dist, DiagGaussianDistribution)
+        size = self.action_dist.action_dim
+        self.log_std_net = nn.Linear(self.mlp_extractor.latent_dim_pi, size)
+        nn.init.zeros_(self.log_std_net.weight)
+        nn.init.constant_(self.log_std_net.bias, math.log(self.initial_std))
+        del self.log_std
+        self._make_optimizer(lr_schedule)
+
+    def _make_optimizer(self, lr_schedule: Callable[[float], float]) -> None:
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+    def _get_action_dist_from_latent(self, latent_pi: torch.Tensor) -> Distribution:
+        log_std = torch.clamp(self.log_std_net(latent_pi), *LOG_STD_RANGE) + math.log(self.limit)
+        return self.action_dist.proba_distribution(self.action_net(latent_pi) * self.limit, log_std)
+
+
+def arrays(policy: ActorCriticPolicy) -> dict[str, Array]:
+    """The weights of `policy` as float64 arrays."""
+    return {name: tensor.detach().cpu().numpy().astype(np.float64) for name, tensor in policy.state_dict().items()}
+
+
+class PolicySet:
+    """K Gaussian policies evaluated together in numpy, each world with the one it asks for: many times faster than K torch calls on a few worlds.
+
+    Args:
+        weights: one state dict of `GaussianPolicy` a policy, all of one shape.
+        limit: the action limit.
+    """
+
+    def __init__(self, weights: Sequence[Mapping[str, Array]], limit: float) -> None:
+        self.weights = weights
+        self.members = len(weights)
+        self.limit = limit
+
+        def stack(name: str) -> Array:
+            return np.stack([member[name] for member in weights])
+
+        self._mean, self._std = stack("features_extractor.mean")[:, None], stack("features_extractor.std")[:, None]
+        layers = ["mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2"]
+        self._hidden = [(stack(f"{layer}.weight").swapaxes(1, 2), stack(f"{layer}.bias")[:, None]) for layer in layers]
+        heads = ["action_net", "log_std_net"]
+        weight = np.concatenate([stack(f"{head}.weight") for head in heads], axis=1).swapaxes(1, 2)
+        self._head = (weight, np.concatenate([stack(f"{head}.bias") for head in heads], axis=1)[:, None])
+        self.action_size = weight.shape[2] // 2
+
+    def __len__(self) -> int:
+        return self.members
+
+    def __getitem__(self, index: int) -> PolicySet:
+        return PolicySet([self.weights[index]], self.limit)
+
+    def distribution(self, observation: Array, member: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation, both (n, actuators), at observations (n, o) of the policies with indices (n,)."""
+        x = np.clip((observation[None] - self._mean) / self._std, -CLIP, CLIP)
+        for weight, bias in self._hidden:
+            x = np.tanh(x @ weight + bias)
+        out = (x @ self._head[0] + self._head[1])[member, np.arange(len(observation))]
+        mean, log_std = out[:, : self.action_size], out[:, self.action_size :]
+        return mean * self.limit, np.exp(np.clip(log_std, *LOG_STD_RANGE)) * self.limit
+
+    def sample(self, observation: Array, member: Array, rng: np.random.Generator) -> Array:
+        """Stochastic actions (n, actuators), within the limit."""
+        mean, std = self.distribution(observation, member)
+        return np.clip(mean + std * rng.standard_normal(mean.shape), -self.limit, self.limit)
+
+    def best(self, observation: Array, member: Array) -> Array:
+        """The policies' mean actions (n, actuators), within the limit."""
+        return np.clip(self.distribution(observation, member)[0], -self.limit, self.limit)
+
+
+def policy_set(policies: Sequence[ActorCriticPolicy], limit: float) -> PolicySet:
+    """The numpy twin of torch `policies`."""
+    return PolicySet([arrays(policy) for policy in policies], limit)
+
+
+def save_policy(path: Path, state: Mapping[str, torch.Tensor], card: Mapping[str, Any]) -> None:
+    """Write `state` to ``path`` (safetensors) and `card` beside it (``.json``), each atomically."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    kept = {name: tensor.detach().cpu().contiguous() for name, tensor in state.items() if not name.startswith(_SHARED)}
+    save_file(kept, partial)
+    partial.replace(path)
+    partial.write_text(json.dumps(card, indent=1) + "\n")
+    partial.replace(path.with_suffix(".json"))
+
+
+def load_state(path: Path, observation_size: int, action_size: int) -> dict[str, torch.Tensor]:
+    """The state dict in the safetensors file `path`; loading it runs no code.
+
+    Raises:
+        UserError: if the file is missing, corrupt or of a robot with other dimensions.
+    """
+    try:
+        state = load_file(path)
+    except FileNotFoundError as error:
+        raise UserError(f"{path}: no such policy file; `python -m mpge_bench train-policies --task TASK` makes it") from error
+    except (SafetensorError, OSError) as error:
+        raise UserError(f"{path}: not a readable policy file ({error}); make it anew with `python -m mpge_bench train-policies`") from error
+    try:
+        found = (state["features_extractor.mean"].shape[0], state["action_net.weight"].shape[0])
+        state["log_std_net.weight"], state["mlp_extractor.policy_net.2.weight"]
+    except (KeyError, IndexError) as error:
+        raise UserError(f"{path}: holds no policy of this benchmark (no {error}); `python -m mpge_bench train-policies` makes one") from error
+    if found != (observation_size, action_size):
+        raise UserError(
+            f"{path}: a policy for {found[0]} observations and {found[1]} actions, where the task has {observation_size} and {action_size};"
+            " give the policy of this robot"
+        )
+    for prefix in _SHARED:
+        state |= {prefix + name: tensor for name, tensor in state.items() if name.startswith("features_extractor.")}
+    return state

@@ -1,0 +1,116 @@
+"""Many worlds of one task behind one stable-baselines3 VecEnv, in one process, with an optional action transformation on all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import Env
+from stable_baselines3.common.vec_env import VecEnv
+
+from mpge_bench.envs import RobotEnv
+
+Array = npt.NDArray[Any]
+
+
+class Transformation(Protocol):
+    """An action transformation ã(s, a), possibly one of several members, each of which grounds the source a little differently."""
+
+    members: int
+
+    def __call__(self, observation: Array, action: Array, member: Array) -> Array:
+        """The transformed actions, shape (n, actuators), for observations (n, o), actions (n, actuators) and member indices (n,)."""
+
+
+class Identity:
+    """ã = a: the ungrounded source."""
+
+    members = 1
+
+    def __call__(self, observation: Array, action: Array, member: Array) -> Array:
+        return action
+
+
+class Worlds(VecEnv):
+    """`count` copies of an environment stepped in turn; one process suffices, since PyBullet itself takes most of the time.
+
+    With a `transformation` this is the grounded environment: the robots execute ã(s, a) and the agent is paid for a. Which member of the
+    transformation is in force is drawn anew, uniformly, at each episode's start (MPGE, ensemble policy learning); so is, where there are several
+    rollout policies, the one that acts (`members` says how many).
+
+    Attributes:
+        steps: control steps simulated so far, over all worlds.
+        observations: of the running episodes, shape (count, o).
+        member: index of what was drawn at each episode's start, shape (count,).
+    """
+
+    def __init__(self, make: Callable[[], RobotEnv], count: int, seed: int, transformation: Transformation | None = None, members: int = 0) -> None:
+        self.envs: Sequence[RobotEnv] = [make() for _ in range(count)]
+        first = self.envs[0]
+        super().__init__(count, first.observation_space, first.action_space)
+        self.limit = first.robot.action_limit
+        self.episode_steps = first.robot.episode_steps
+        self.transformation: Transformation = transformation or Identity()
+        self.members = members or self.transformation.members
+        self.rng = np.random.default_rng(seed)
+        self.steps = 0
+        self.observations = np.zeros((count, first.robot.observation_size))
+        self.member = np.zeros(count, int)
+        self._elapsed = np.zeros(count, int)
+        self._returns = np.zeros(count)
+        self._actions = np.zeros((count, len(first.robot.actuators)))
+
+    def reset(self) -> Array:
+        for index in range(self.num_envs):
+            self._begin(index)
+        return self.observations.copy()
+
+    def _begin(self, index: int) -> None:
+        self.observations[index], _ = self.envs[index].reset(seed=int(self.rng.integers(2**31)))
+        self.member[index] = self.rng.integers(self.members)
+        self._elapsed[index] = 0
+        self._returns[index] = 0.0
+
+    def step_async(self, actions: Array) -> None:
+        self._actions = np.clip(actions, -self.limit, self.limit).astype(float)
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        executed = self.transformation(self.observations, self._actions, self.member)
+        rewards, dones = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
+        infos: list[dict[str, Any]] = []
+        for index, env in enumerate(self.envs):
+            observation, rewards[index], terminated, _, _ = env.advance(executed[index], self._actions[index])
+            self.observations[index] = observation
+            self._elapsed[index] += 1
+            self._returns[index] += rewards[index]
+            truncated = not terminated and self._elapsed[index] >= self.episode_steps
+            info: dict[str, Any] = {}
+            if terminated or truncated:
+                dones[index] = True
+                info = {
+                    "terminal_observation": observation,
+                    "TimeLimit.truncated": truncated,
+                    "episode": {"r": self._returns[index], "l": int(self._elapsed[index]), "t": 0.0},
+                }
+                self._begin(index)
+            infos.append(info)
+        self.steps += self.num_envs
+        return self.observations.copy(), rewards, dones, infos
+
+    def close(self) -> None:
+        self.envs = []
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self.envs[index], attr_name) for index in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        for index in self._get_indices(indices):
+            setattr(self.envs[index], attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        return [getattr(self.envs[index], method_name)(*method_args, **method_kwargs) for index in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type[Env[Any, Any]], indices: Any = None) -> list[bool]:
+        return [False for _ in self._get_indices(indices)]

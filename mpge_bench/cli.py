@@ -1,0 +1,241 @@
+"""The command line: ``python -m mpge_bench COMMAND``; ``--help`` on each."""
+
+from __future__ import annotations
+
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import product
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mpge_bench.envs import TASKS, get_task
+from mpge_bench.envs.errors import UserError
+
+app = typer.Typer(
+    help="Transfer policies across a dynamics mismatch: run a method on a source/target pair, compare methods, train the policies they start from.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+_out = Console(highlight=False)
+
+_TASK_HELP = "Source/target pair; `tasks` lists them."
+_METHOD_HELP = "Transfer method; `methods` lists them."
+_PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days)."
+_POLICIES_HELP = "Folder with the source and target-optimal policies, if not the shipped ones."
+
+
+@app.command()
+def run(
+    task: Annotated[str, typer.Option(help=_TASK_HELP)] = "broken_hopper",
+    method: Annotated[str, typer.Option(help=_METHOD_HELP)] = "mpge",
+    samples: Annotated[int, typer.Option(min=1, help="Target transitions the method may collect.")] = 1000,
+    preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
+    seed: Annotated[int, typer.Option(min=0, help="Repeats a run; also says which source policy the agent starts from.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
+    policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+) -> None:
+    """Run one method on one pair, measure it and print what came out.
+
+    Example: python -m mpge_bench run --method mpge --task broken_hopper
+
+    The result goes to OUT/TASK/METHOD/nSAMPLES/PRESET/seedSEED: result.json, the policy, the learning curve and TensorBoard curves.
+    A result that is there already is shown, not made again; remove its folder to run anew.
+    """
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.harness import run as harness
+    from mpge_bench.policies import FOLDER
+
+    settings = harness.RunSettings(task, method, samples, preset, seed)
+    folder = settings.folder(out)
+    if (folder / "result.json").exists():
+        _out.print(f"{folder} holds the result of this run already:")
+        _show(harness.read_result(folder / "result.json"), folder)
+        return
+    with ConsoleProgress() as progress:
+        result = harness.run(settings, out, policy_folder=policies or FOLDER, jobs=jobs, progress=progress)
+    _show(result, folder)
+
+
+@app.command()
+def sweep(
+    task: Annotated[list[str], typer.Option(help="May be given several times. " + _TASK_HELP)],
+    method: Annotated[list[str], typer.Option(help="May be given several times. " + _METHOD_HELP)],
+    samples: Annotated[list[int] | None, typer.Option(help="May be given several times; 1000 if not given.")] = None,
+    preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds 0 to SEEDS - 1.")] = 3,
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
+    policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = os.cpu_count() or 1,
+) -> None:
+    """Run every combination of the given tasks, methods, sample sizes and seeds, and print the table.
+
+    It can be stopped at any time and called again: what is there is not run again. A run that fails is named at the end; the others go on.
+    """
+    from mpge_bench import leaderboard as board
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.harness.run import RunSettings
+    from mpge_bench.policies import FOLDER
+
+    plan = [RunSettings(t, m, n, preset, s) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
+    failed: list[str] = []
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, ConsoleProgress() as progress:
+        try:
+            waiting = {pool.submit(_run_quietly, settings, out, policies or FOLDER): settings for settings in plan}
+            progress.stage(f"{len(plan)} runs", len(plan))
+            for done in as_completed(waiting):
+                settings, error = waiting[done], done.exception()
+                name = settings.folder(Path())
+                if error:
+                    failed.append(f"{name}: {error}")
+                    progress.console.print(f"{name}: failed: {error}")
+                else:
+                    normalized = done.result()["normalized_return"]
+                    progress.console.print(f"{name}: normalised return {normalized:.2f}" if normalized is not None else f"{name}: done")
+                progress.advance(1)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in list(pool._processes.values()):
+                process.terminate()
+            raise
+    results = board.collect(out)
+    if len(results):
+        _out.print(board.table(board.summarize(results)))
+    if failed:
+        raise UserError(f"{len(failed)} of {len(plan)} runs failed, first {failed[0]}")
+
+
+def _run_quietly(settings: Any, out: Path, policies: Path) -> dict[str, Any]:
+    import signal
+
+    from mpge_bench.harness.run import run
+
+    # SIGTERM, with which an interrupted sweep ends its runs, unwinds as Ctrl-C does and so clears the half-made folder away.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    return run(settings, out, policy_folder=policies)
+
+
+@app.command("train-policies")
+def train_policies(
+    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    kind: Annotated[str, typer.Option(help="source, target or both.")] = "both",
+    out: Annotated[Path | None, typer.Option(help="Folder for the policies, if not the shipped ones' own.")] = None,
+    force: Annotated[bool, typer.Option(help="Train those that are there already, too.")] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = os.cpu_count() or 1,
+) -> None:
+    """Train the five source policies of the pair's robot and the five target-optimal policies of the pair, each with its card."""
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.policies import FOLDER, SEEDS, policy_path
+
+    pair, folder = get_task(task), out or FOLDER
+    if kind not in ("source", "target", "both"):
+        raise UserError(f"unknown kind {kind!r}; choose source, target or both")
+    plan = [(one, seed) for one in ("source", "target") if kind in (one, "both") for seed in SEEDS]
+    if not force:
+        plan = [item for item in plan if not policy_path(pair, *item, folder).exists()]
+    if not plan:
+        _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, ConsoleProgress() as progress:
+        try:
+            waiting = [pool.submit(_train_quietly, task, one, seed, folder) for one, seed in plan]
+            progress.stage(f"{len(plan)} policies", len(plan))
+            for done in as_completed(waiting):
+                progress.console.print(f"{done.result()}: written")
+                progress.advance(1)
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in list(pool._processes.values()):
+                process.terminate()
+            raise
+
+
+def _train_quietly(task: str, kind: str, seed: int, folder: Path) -> Path:
+    import signal
+
+    from mpge_bench.policies import train_policy
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return train_policy(get_task(task), kind, seed, folder)
+
+
+@app.command()
+def leaderboard(
+    results: Annotated[Path, typer.Argument(help="Folder with result.json files, at any depth.")] = Path("leaderboard/results"),
+    markdown: Annotated[bool, typer.Option(help="Print Markdown.")] = False,
+) -> None:
+    """Print the table of results: interquartile means over seeds with 95% bootstrap intervals."""
+    from mpge_bench import leaderboard as board
+
+    found = board.collect(results)
+    if not len(found):
+        raise UserError(f"{results}: no result.json below it; `python -m mpge_bench run --out {results}` makes one")
+    summary = board.summarize(found)
+    if markdown:
+        print(board.markdown(summary), end="")
+    else:
+        _out.print(board.table(summary))
+
+
+@app.command()
+def tasks() -> None:
+    """List the source/target pairs."""
+    drawn = Table("task", "robot", "the target differs by", "effects", "from")
+    for task in TASKS.values():
+        effects = ", ".join(f"{effect.name}:{effect.target}" for effect in task.effects)
+        drawn.add_row(task.name, task.robot.name, task.summary, effects, task.citation)
+    _out.print(drawn)
+
+
+@app.command()
+def methods() -> None:
+    """List the transfer methods."""
+    from mpge_bench.baselines.method import methods as known
+
+    drawn = Table("method", "what it does")
+    for name, method in known().items():
+        drawn.add_row(name, method.summary)
+    _out.print(drawn)
+
+
+def _show(result: dict[str, Any], folder: Path) -> None:
+    found = result["returns"]
+    drawn = Table("", result["method"], "reference", title=f"{result['task']}, {result['samples']} target samples, {result['preset']}, seed {result['seed']}")
+
+    def number(value: float | None, digits: int = 3) -> str:
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    def spread(name: str) -> str:
+        return f"{found[name]['mean']:.1f} ± {found[name]['std']:.1f}" if found[name] else "–"
+
+    drawn.add_row("return in the target: direct", "", spread("direct"))
+    drawn.add_row(f"return in the target: {result['method']}", spread("policy"), "")
+    drawn.add_row("return in the target: target-optimal", "", spread("target_optimal"))
+    drawn.add_row("normalised return", number(result["normalized_return"]), "0 direct … 1 target-optimal")
+    drawn.add_row("return in the grounded source", spread("grounded"), "")
+    for name, label in (("action_transformation_error", "action-transformation error"), ("transition_error", "transition error")):
+        drawn.add_row(label, number(result[name]["value"]), f"{number(result[name]['source'])} ungrounded")
+    _out.print(drawn)
+    seconds = result["wall_clock_s"]
+    _out.print(f"{result['target_samples']} target samples used; {sum(result['simulator_steps'].values()):,} simulator steps; {seconds['total']:.0f} s.")
+    _out.print(f"Written to {folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}", soft_wrap=True)
+
+
+def main() -> None:
+    """Run the command line. What the user can put right ends with one line and exit status 2, Ctrl-C with 130."""
+    try:
+        app()
+    except UserError as error:
+        print(f"mpge_bench: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("mpge_bench: interrupted; nothing half-made was left behind", file=sys.stderr)
+        sys.exit(130)

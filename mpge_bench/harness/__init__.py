@@ -1,0 +1,1 @@
+"""The evaluation harness: metrics, runs, sweeps and their results."""

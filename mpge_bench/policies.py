@@ -1,0 +1,76 @@
+"""The shipped policies: where they are, and how they are trained."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.policy import PolicySet, load_state, policy_set, save_policy
+from mpge_bench.baselines.presets import load_preset, settings_from
+from mpge_bench.baselines.progress import Progress, Silent
+from mpge_bench.baselines.vector import Worlds
+from mpge_bench.envs import Task
+from mpge_bench.envs.errors import UserError
+from mpge_bench.harness.metrics import returns
+
+#: Policies a set: five source policies a robot, five target-optimal policies a pair, as in the MPGE paper.
+SEEDS = range(5)
+FOLDER = Path(__file__).parents[1] / "baselines" / "policies"
+
+
+def policy_path(task: Task, kind: str, seed: int, folder: Path = FOLDER) -> Path:
+    """Where the policy is kept: source policies belong to the robot, target-optimal ones (`kind` "target") to the pair."""
+    return folder / (task.robot.name if kind == "source" else task.name) / f"{kind}_{seed}.safetensors"
+
+
+def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progress: Progress | None = None) -> Path:
+    """Train one policy in the source or in the target (`kind`) and write it, with its card, to its place.
+
+    The card tells settings, steps, seed, versions, and the returns of the mean action over 50 episodes in the source and (of a target-optimal policy)
+    in the target.
+    """
+    progress = progress or Silent()
+    settings = settings_from(AgentSettings, load_preset("policies", "standard", task.robot.name if kind == "source" else task.name))
+    torch.set_num_threads(1)
+    progress.stage(f"{task.name if kind == 'target' else task.robot.name} {kind} policy, seed {seed}", settings.steps)
+    make = task.source if kind == "source" else task.target
+    begun = time.monotonic()
+    policy = train_agent(Worlds(make, settings.worlds, seed), settings, seed, progress=progress.advance)
+    path = policy_path(task, kind, seed, folder)
+    single = policy_set([policy], task.robot.action_limit)
+    card = {
+        "schema": "mpge_bench/policy/1",
+        "robot": task.robot.name,
+        "task": task.name if kind == "target" else None,
+        "trained_in": kind,
+        "algorithm": "PPO",
+        "seed": seed,
+        "settings": asdict(settings),
+        "returns": {"source": asdict(returns(task.source, single))} | ({"target": asdict(returns(task.target, single))} if kind == "target" else {}),
+        "wall_clock_s": round(time.monotonic() - begun, 1),
+        "versions": {name: version(name) for name in ("pybullet", "stable-baselines3", "torch", "numpy")},
+    }
+    save_policy(path, policy.state_dict(), card)
+    return path
+
+
+
+def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
+    """All policies of the robot ("source") or of the pair ("target").
+
+    Raises:
+        UserError: if a file is missing, corrupt or of another robot.
+    """
+    states = []
+    for seed in SEEDS:
+        path = policy_path(task, kind, seed, folder)
+        if not path.exists():
+            raise UserError(f"{path}: this {kind} policy is missing; `python -m mpge_bench train-policies --task {task.name}` makes it")
+        states.append(load_state(path, task.robot.observation_size, len(task.robot.actuators)))
+    return PolicySet([{name: tensor.numpy().astype(np.float64) for name, tensor in state.items()} for state in states], task.robot.action_limit)
