@@ -53,7 +53,7 @@ class _Normalize(BaseCallback):
             return
         self.running = self.running or RunningMeanStd(shape=buffer.obs_shape)
         self.running.update(buffer.observations.reshape(-1, *buffer.obs_shape))
-        normalizer = self.model.policy.features_extractor  # type: ignore[union-attr]
+        normalizer = self.model.policy.features_extractor
         assert isinstance(normalizer, Normalizer)
         normalizer.set(self.running.mean, np.sqrt(self.running.var))
 

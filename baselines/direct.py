@@ -17,7 +17,7 @@ class Direct:
     """Uses source policy number seed mod K in the target without having seen it: the lower reference, normalised return 0 on average."""
 
     summary = "the source policy, unchanged (lower reference)"
-    preset = None
+    preset: str | None = None
 
     def rollouts(self, seed: int, available: int) -> list[int]:
         return [seed % available]

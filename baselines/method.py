@@ -29,7 +29,7 @@ class Result:
 
     policy: Mapping[str, torch.Tensor]
     grounding: Transformation | None = None
-    checkpoints: dict[int, Transformation] = field(default_factory=dict)
+    checkpoints: Mapping[int, Transformation] = field(default_factory=dict)
     steps: dict[str, int] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 

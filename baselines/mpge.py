@@ -9,4 +9,4 @@ class MPGE(MPG):
     """MPG with N groundings learnt from the same samples; the agent meets one of them in each episode, drawn uniformly."""
 
     summary = "multi-policy grounding and ensemble policy learning (Lee et al. 2022)"
-    preset = "mpge"
+    preset: str | None = "mpge"

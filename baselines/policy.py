@@ -88,7 +88,8 @@ class GaussianPolicy(ActorCriticPolicy):
         self._make_optimizer(lr_schedule)
 
     def _make_optimizer(self, lr_schedule: Callable[[float], float]) -> None:
-        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        # Every optimizer takes lr, but torch's base class does not say so.
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)  # type: ignore[call-arg]
 
     def _get_action_dist_from_latent(self, latent_pi: torch.Tensor) -> Distribution:
         log_std = torch.clamp(self.log_std_net(latent_pi), *LOG_STD_RANGE) + math.log(self.limit)

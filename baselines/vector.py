@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -72,6 +72,10 @@ class Worlds(VecEnv):
         self.member[index] = self.rng.integers(self.members)
         self._elapsed[index] = 0
         self._returns[index] = 0.0
+
+    if TYPE_CHECKING:  # stable-baselines3's also allows for observations that are dicts or tuples
+
+        def step(self, actions: Array) -> tuple[Array, Array, Array, list[dict[str, Any]]]: ...
 
     def step_async(self, actions: Array) -> None:
         self._actions = np.clip(actions, -self.limit, self.limit).astype(float)

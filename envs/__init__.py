@@ -15,12 +15,13 @@ def _camel(name: str) -> str:
 SOURCE_IDS = {name: f"mpge_bench/{_camel(name)}-v0" for name in ROBOTS}
 TARGET_IDS = {name: f"mpge_bench/{_camel(name)}-v0" for name in TASKS}
 
+_ENTRY_POINT = f"{RobotEnv.__module__}:{RobotEnv.__qualname__}"
 for _name, _id in SOURCE_IDS.items():
-    gymnasium.register(_id, entry_point=RobotEnv, kwargs={"robot": ROBOTS[_name]}, max_episode_steps=ROBOTS[_name].episode_steps)
+    gymnasium.register(_id, entry_point=_ENTRY_POINT, kwargs={"robot": ROBOTS[_name]}, max_episode_steps=ROBOTS[_name].episode_steps)
 for _name, _id in TARGET_IDS.items():
     _task = TASKS[_name]
     gymnasium.register(
-        _id, entry_point=RobotEnv, kwargs={"robot": _task.robot, "effects": _task.effects}, max_episode_steps=_task.robot.episode_steps
+        _id, entry_point=_ENTRY_POINT, kwargs={"robot": _task.robot, "effects": _task.effects}, max_episode_steps=_task.robot.episode_steps
     )
 
 __all__ = ["ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task"]

@@ -13,7 +13,7 @@ from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.robots.robot import Array, Robot
 
 
-class RobotEnv(gymnasium.Env[Array, Array]):
+class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
     """`robot` in its own world, changed by `effects`; without effects it is the source task.
 
     Args:

@@ -13,6 +13,7 @@ import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -222,7 +223,9 @@ class World:
     def _advance(self, torque: list[float]) -> None:
         bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=self._client)
         bullet.stepSimulation(physicsClientId=self._client)
-        self.q, self.dq, _, _ = zip(*bullet.getJointStates(self._body, self._q_index, physicsClientId=self._client), strict=True)
+        # Plain tuples until `step` is done: within it q and dq are only indexed.
+        reading: Any = zip(*bullet.getJointStates(self._body, self._q_index, physicsClientId=self._client), strict=True)
+        self.q, self.dq, _, _ = reading
 
     def has_contact(self) -> bool:
         """Whether the robot touched anything in the last physics step."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from rich.table import Table
 
@@ -38,7 +39,7 @@ def _row(result: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def interquartile_mean(values: Sequence[float]) -> float:
+def interquartile_mean(values: Sequence[float] | npt.NDArray[Any]) -> float:
     """Mean of the middle half; the values at its edges count by the fraction that lies inside (Agarwal et al. 2021)."""
     ordered = np.sort(np.asarray(values, float))
     n = len(ordered)
@@ -47,7 +48,7 @@ def interquartile_mean(values: Sequence[float]) -> float:
     return float(weights @ ordered / weights.sum())
 
 
-def interval(values: Sequence[float]) -> tuple[float, float]:
+def interval(values: Sequence[float] | npt.NDArray[Any]) -> tuple[float, float]:
     """95% bootstrap interval of the interquartile mean."""
     rng = np.random.default_rng(_SEED)
     means = [interquartile_mean(rng.choice(np.asarray(values, float), len(values))) for _ in range(_RESAMPLES)]
@@ -58,16 +59,16 @@ def summarize(results: pd.DataFrame) -> pd.DataFrame:
     """One row a task, sample size, preset and method: interquartile means over seeds, best normalised return first."""
     rows = []
     for key, group in results.groupby(["task", "samples", "preset", "method"]):
-        low, high = interval(group["normalized_return"])
+        low, high = interval(group["normalized_return"].to_numpy())
         rows.append(
             dict(zip(("task", "samples", "preset", "method"), key, strict=True))
             | {"seeds": len(group), "normalized_low": low, "normalized_high": high}
-            | {name: interquartile_mean(group[name]) for name in group.columns[5:]}
+            | {name: interquartile_mean(group[name].to_numpy()) for name in group.columns[5:]}
         )
     return pd.DataFrame(rows).sort_values(["task", "samples", "normalized_return"], ascending=[True, True, False], ignore_index=True)
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
+def _cells(row: Mapping[Hashable, Any]) -> list[str]:
     def number(value: float, digits: int) -> str:
         return "–" if np.isnan(value) else f"{value:.{digits}f}"
 

@@ -57,13 +57,13 @@ class Discriminator:
         """One pass over grounded `transitions` in pieces of `batch_size`, each against as many of the target's; returns loss and accuracy."""
         settings, log = self.settings, {"loss": 0.0, "accuracy": 0.0}
         grounded = self._normalised(transitions)
-        pieces = torch.randperm(len(grounded), generator=self.generator).split(settings.batch_size)
+        pieces = torch.split(torch.randperm(len(grounded), generator=self.generator), settings.batch_size)
         for piece in pieces:
             fake = grounded[piece]
             real = self.target[torch.randint(len(self.target), (len(fake),), generator=self.generator)]
             logits = self.network(torch.cat((fake, real)))[:, 0]
             labels = torch.cat((torch.ones(len(fake)), torch.zeros(len(real))))
-            entropy = torch.distributions.Bernoulli(logits=logits).entropy().mean()
+            entropy = torch.distributions.Bernoulli(logits=logits).entropy().mean()  # type: ignore[no-untyped-call]
             mix = torch.rand(len(fake), 1, generator=self.generator)
             between = (mix * fake + (1 - mix) * real).requires_grad_()
             (gradient,) = torch.autograd.grad(self.network(between).sum(), between, create_graph=True)

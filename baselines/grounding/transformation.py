@@ -32,7 +32,8 @@ class _ValueHeads(nn.Module):
         self.linear = nn.Linear(width, heads)
 
     def forward(self, latent: torch.Tensor) -> torch.Tensor:
-        return self.linear(latent[:, :-1]).gather(1, latent[:, -1:].long())
+        values: torch.Tensor = self.linear(latent[:, :-1])
+        return values.gather(1, latent[:, -1:].long())
 
 
 class TransformationPolicy(GaussianPolicy):
@@ -57,10 +58,11 @@ class TransformationPolicy(GaussianPolicy):
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
         super()._build(lr_schedule)
+        assert isinstance(self.action_net, nn.Linear)
         # An untrained πg leaves the action as it is.
         nn.init.zeros_(self.action_net.weight)
         nn.init.zeros_(self.action_net.bias)
-        self.value_net = _ValueHeads(self.mlp_extractor.latent_dim_vf, self.heads)
+        self.value_net = _ValueHeads(self.mlp_extractor.latent_dim_vf, self.heads)  # type: ignore[assignment]
         self._make_optimizer(lr_schedule)
 
 
@@ -78,4 +80,5 @@ class LearntTransformation:
 
     def __call__(self, observation: Array, action: Array, member: Array) -> Array:
         change = self.policies.best(np.concatenate((observation, action), axis=1), member)
-        return np.clip(action + change, -self.limit, self.limit)
+        transformed: Array = np.clip(action + change, -self.limit, self.limit)
+        return transformed

@@ -89,7 +89,7 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
             "grounded": returns(task.source, policy, transformation=result.grounding) if result.grounding else None,
         }
         probe = merge([roll_out(task.target, sources, index, _PROBE // len(sources), SEED) for index in range(len(sources))])
-        error, curve = action_transformation_error, _curve(settings, result)
+        action_error, curve = action_transformation_error, _curve(settings, result)
         data = {
             "schema": SCHEMA,
             **asdict(settings),
@@ -98,8 +98,8 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
             "returns": {name: asdict(value) if value else None for name, value in found.items()},
             "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),  # type: ignore[union-attr]
             "action_transformation_error": {
-                "value": error(task, result.grounding) if result.grounding else None,
-                "source": error(task, None),
+                "value": action_error(task, result.grounding) if result.grounding else None,
+                "source": action_error(task, None),
                 "floor": 0.0 if task.has_action_transformation else None,
             },
             "transition_error": {
