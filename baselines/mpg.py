@@ -44,6 +44,8 @@ class GroundingSettings:
     width: int = 64
     #: Passes of D over each batch, in pieces of the discriminator's own batch size.
     discriminator_passes: int = 1
+    #: Batches that go to D alone at first: an untrained D would send πg anywhere.
+    warm_up: int = 10
     discriminator: DiscriminatorSettings = field(default_factory=DiscriminatorSettings)
     #: Steps between two points of the learning curve.
     checkpoint: int = 100_000
@@ -132,7 +134,8 @@ def ground(
         # 14: πg's and the value heads' step on the reward −log D; γ = 0, so that what comes after the last step is of no consequence.
         trpo.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds)
         trpo.rollout_buffer.compute_returns_and_advantage(torch.zeros(settings.worlds), np.zeros(settings.worlds))
-        trpo.train()
+        if batch > settings.warm_up:
+            trpo.train()
         steps = batch * settings.batch_size
         for name, value in log.items():
             trpo.logger.record(f"discriminator/{name}", value)

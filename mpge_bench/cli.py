@@ -131,14 +131,14 @@ def train_policies(
     force: Annotated[bool, typer.Option(help="Train those that are there already, too.")] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = os.cpu_count() or 1,
 ) -> None:
-    """Train the five source policies of the pair's robot and the five target-optimal policies of the pair, each with its card."""
+    """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card."""
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.policies import FOLDER, SEEDS, policy_path
 
     pair, folder = get_task(task), out or FOLDER
     if kind not in ("source", "target", "both"):
         raise UserError(f"unknown kind {kind!r}; choose source, target or both")
-    plan = [(one, seed) for one in ("source", "target") if kind in (one, "both") for seed in SEEDS]
+    plan = [(one, seed) for one in ("source", "target") if kind in (one, "both") for seed in SEEDS[one]]
     if not force:
         plan = [item for item in plan if not policy_path(pair, *item, folder).exists()]
     if not plan:

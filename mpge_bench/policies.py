@@ -19,8 +19,8 @@ from mpge_bench.envs import Task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.metrics import returns
 
-#: Policies a set: five source policies a robot, five target-optimal policies a pair, as in the MPGE paper.
-SEEDS = range(5)
+#: Seeds of the shipped policies: five source policies a robot (the MPGE paper's K), three target-optimal policies a pair.
+SEEDS = {"source": range(5), "target": range(3)}
 FOLDER = Path(__file__).parents[1] / "baselines" / "policies"
 
 
@@ -68,7 +68,7 @@ def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
         UserError: if a file is missing, corrupt or of another robot.
     """
     states = []
-    for seed in SEEDS:
+    for seed in SEEDS[kind]:
         path = policy_path(task, kind, seed, folder)
         if not path.exists():
             raise UserError(f"{path}: this {kind} policy is missing; `python -m mpge_bench train-policies --task {task.name}` makes it")
