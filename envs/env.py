@@ -32,8 +32,8 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         bound = np.full(robot.observation_size, np.inf)
         self.observation_space = gymnasium.spaces.Box(-bound, bound, dtype=np.float64)
         self._command = [0.0] * len(self.world.joints)
-        self._actuators = [(self.world.joints.index(joint), gear) for joint, gear in robot.actuators.items()]
-        self._limit = robot.action_limit
+        self._driven = [self.world.joints.index(joint) for joint in robot.actuators]
+        self._gears, self._low, self._high = robot.gears, -limit, limit
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode from the robot's random initial state."""
@@ -51,10 +51,11 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
 
         Grounded environments execute the transformed action ã but pay the reward of the action a that the agent chose (MPGE's released code).
         """
-        world, robot, limit = self.world, self.robot, self._limit
-        for (joint, gear), value in zip(self._actuators, executed.tolist(), strict=True):
-            self._command[joint] = gear * min(max(value, -limit), limit)
+        world, robot = self.world, self.robot
+        clipped = np.minimum(np.maximum(executed, self._low), self._high)
+        for joint, torque in zip(self._driven, (clipped * self._gears).tolist(), strict=True):
+            self._command[joint] = torque
         before = world.q
         world.step(self._command)
-        reward = robot.reward(before, world.q, np.minimum(np.maximum(chosen, -limit), limit))
-        return robot.observation(world.q, world.dq), reward, robot.terminated(world.q, world.dq), False, {}
+        paid = clipped if chosen is executed else np.minimum(np.maximum(chosen, self._low), self._high)
+        return robot.observation(world.q, world.dq), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}

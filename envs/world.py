@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import ctypes
-import io
+import math
 import os
 import sys
 import tempfile
@@ -25,22 +25,20 @@ from mpge_bench.envs.errors import UserError
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
     """PyBullet prints from C while it is imported and while it loads a model; that noise is kept from the user's terminal."""
-    try:
-        stdout = sys.stdout.fileno()
-    except (AttributeError, OSError, io.UnsupportedOperation):
-        yield
-        return
     libc = ctypes.CDLL(None)
     sys.stdout.flush()
-    saved = os.dup(stdout)
+    sys.stderr.flush()
+    saved = [os.dup(stream) for stream in (1, 2)]
     with open(os.devnull, "w") as sink:
-        os.dup2(sink.fileno(), stdout)
+        for stream in (1, 2):
+            os.dup2(sink.fileno(), stream)
     try:
         yield
     finally:
         libc.fflush(None)
-        os.dup2(saved, stdout)
-        os.close(saved)
+        for stream, copied in zip((1, 2), saved, strict=True):
+            os.dup2(copied, stream)
+            os.close(copied)
 
 
 with _quiet():
@@ -93,6 +91,9 @@ class World:
         self._client: int = bullet.connect(bullet.DIRECT)
         weakref.finalize(self, _disconnect, self._client)
         armature = dict(armature or {})
+        for name, inertia in armature.items():
+            if not 0 <= inertia < math.inf:
+                raise UserError(f"armature of joint {name} is {inertia} kg m²; it must be finite and not negative")
         self._body = self._load(model, armature)
         indices = {}
         for index in range(bullet.getNumJoints(self._body, physicsClientId=self._client)):
@@ -206,19 +207,27 @@ class World:
         self.q, self.dq = q, dq
 
     def step(self, command: Sequence[float]) -> None:
-        """Advance one control step (`substeps` physics steps) under joint torques `command`, N m or N, held throughout; then read q and dq."""
+        """Advance one control step (`substeps` physics steps) under joint torques `command`, N m or N, held throughout; then read q and dq.
+
+        Raises:
+            UserError: if a torque is not finite (Bullet would carry the NaN into every later state).
+        """
+        if not math.isfinite(math.fsum(command)):
+            raise UserError(f"step takes finite torques; got {list(command)}")
         if self._held:
-            torque = list(command)
-            for effect, joint in self._actuators:
-                effect.actuate(torque, joint, self.q, self.dq)
-            self._advance(torque)
+            self._advance(self._delivered(command))
         else:
+            # Effects index these a lot, which lists answer faster than arrays.
+            self.q, self.dq = self.q.tolist(), self.dq.tolist()
             for _ in range(self.substeps):
-                torque = list(command)
-                for effect, joint in self._actuators:
-                    effect.actuate(torque, joint, self.q, self.dq)
-                self._advance(torque)
+                self._advance(self._delivered(command))
         self.q, self.dq = np.array(self.q), np.array(self.dq)
+
+    def _delivered(self, command: Sequence[float]) -> list[float]:
+        torque = list(command)
+        for effect, joint in self._actuators:
+            effect.actuate(torque, joint, self.q, self.dq)
+        return torque
 
     def _advance(self, torque: list[float]) -> None:
         bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=self._client)

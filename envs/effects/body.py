@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class MassScale(Effect):
     """The link (``"*"``: every link) is `factor` times as dense: its mass and its rotational inertia grow alike, its shape stays.
 
-    Inertia that stands for a motor's rotor (`World`'s armature) is no part of the link's density and stays as it was.
+    Rotors (`World`'s armature) are links of their own and stay as they are.
     """
 
     factor: float

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpge_bench.envs.errors import UserError
@@ -53,7 +55,7 @@ class Effect:
     def __post_init__(self) -> None:
         for name, parameter in self.parameters.items():
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and math.isfinite(value) and parameter.low <= value <= parameter.high):
+            if not (isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) and parameter.low <= value <= parameter.high):
                 raise UserError(
                     f"effect {self.name} on {self.target}: {name} = {value} {parameter.unit} is outside"
                     f" [{parameter.low:g}, {parameter.high:g}]; choose a value within the bounds"
@@ -77,18 +79,21 @@ class Effect:
         return {"effect": self.name, **dataclasses.asdict(self)}
 
 
-def effect_from_dict(data: dict[str, Any]) -> Effect:
+def effect_from_dict(data: Mapping[str, Any]) -> Effect:
     """The effect described by plain data such as ``{"effect": "torque_gain", "target": "elbow", "gain": 0.6}``.
 
     Raises:
         UserError: if the effect is not in the catalogue, a parameter is missing, unknown or outside its bounds.
     """
+    if not isinstance(data, Mapping):
+        raise UserError(f"an effect is a mapping such as {{effect: torque_gain, target: elbow, gain: 0.6}}; got {data!r}")
     data = dict(data)
     name = data.pop("effect", None)
-    if name not in CATALOGUE:
+    if not isinstance(name, str) or name not in CATALOGUE:
         raise UserError(f"unknown effect {name!r}; known: {', '.join(sorted(CATALOGUE))}")
     kind = CATALOGUE[name]
-    expected = {field.name for field in dataclasses.fields(kind)}
-    if set(data) != expected:
+    fields = dataclasses.fields(kind)
+    expected, optional = {field.name for field in fields}, {field.name for field in fields if field.default is not dataclasses.MISSING}
+    if not expected - optional <= set(data) <= expected:
         raise UserError(f"effect {name} takes {', '.join(sorted(expected))}; got {', '.join(sorted(map(str, data))) or 'nothing'}")
     return kind(**data)

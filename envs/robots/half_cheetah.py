@@ -17,8 +17,9 @@ class HalfCheetah(Runner):
     Action (6): ±1, of 120, 90, 60 (back) and 120, 60, 30 N m (front).
 
     What PyBullet cannot carry over. MuJoCo's armature (0.1 kg m² a joint) stands in the model as 0.1 kg m² more of each limb's own inertia, since rotors
-    as the hopper's would triple the cost of a step: joints accelerate within a factor of two of MuJoCo's, and the whole body's pitch
-    inertia is 0.6 kg m² (a fifth) too large. Contacts and end stops are hard. The joints' springs are worked out at each physics step of 10 ms.
+    as the hopper's would triple the cost of a step: joints accelerate within a factor of two of MuJoCo's, the whole body's pitch inertia is
+    0.6 kg m² (a fifth) too large, and `MassScale` scales that part, which MuJoCo's armature would not. Contacts and end stops are hard. The joints'
+    springs are worked out at each physics step of 10 ms.
     """
 
     name = "half_cheetah"

@@ -62,7 +62,8 @@ class Robot(ABC):
             friction=self.friction,
             armature=self.armature,
             iterations=self.iterations,
-            effects=[*self.nominal, *effects],
+            # The target's effects act on the motor's command; the robot's own springs come after.
+            effects=[*effects, *self.nominal],
         )
 
     @abstractmethod
@@ -94,7 +95,9 @@ class Runner(Robot):
     velocity_clip: ClassVar[float] = np.inf
 
     def observation(self, q: Array, dq: Array) -> Array:
-        return np.concatenate((q[1:], np.minimum(np.maximum(dq, -self.velocity_clip), self.velocity_clip)))
+        if self.velocity_clip < np.inf:
+            dq = np.minimum(np.maximum(dq, -self.velocity_clip), self.velocity_clip)
+        return np.concatenate((q[1:], dq))
 
     def state(self, observation: Array) -> tuple[Array, Array]:
         positions = len(self.joints) - 1

@@ -1,0 +1,69 @@
+"""Every method on every pair with the smoke preset, and what sets the methods apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mpge_bench.baselines.method import get_method, methods
+from mpge_bench.baselines.policy import PolicySet, policy_set
+from mpge_bench.baselines.presets import load_preset
+from mpge_bench.baselines.problem import Problem
+from mpge_bench.baselines.progress import Silent
+from mpge_bench.envs import TASKS, get_task
+from mpge_bench.envs.errors import UserError
+
+
+def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1):
+    task, method = get_task(task_name), get_method(method_name)
+    limit = task.robot.action_limit
+    sources = policy_set([make_policy(task.source(), index) for index in range(5)], limit)
+    rollouts = PolicySet([sources.weights[index] for index in method.rollouts(seed, 5)], limit)
+    problem = Problem(task, rollouts, 50, seed)
+    settings = load_preset(method.preset, "smoke", task_name) if method.preset else {}
+    return problem, method.train(problem, settings, seed, progress=Silent(), log_dir=tmp_path, jobs=jobs)
+
+
+@pytest.mark.parametrize("method", methods())
+@pytest.mark.parametrize("task", TASKS)
+def test_runs(task, method, make_policy, tmp_path):
+    problem, result = _train(task, method, make_policy, tmp_path)
+    robot = get_task(task).robot
+    policy = PolicySet([{name: tensor.numpy() for name, tensor in result.policy.items()}], robot.action_limit)
+    actions = policy.best(np.zeros((2, robot.observation_size)), np.zeros(2, int))
+    assert actions.shape == (2, len(robot.actuators))
+    assert np.isfinite(actions).all()
+    assert problem.drawn == (0 if method == "direct" else 50)
+    assert (result.grounding is None) == (method == "direct")
+
+
+def test_how_the_family_differs():
+    assert get_method("garat").rollouts(7, 5) == [2]
+    assert sorted(get_method("mpg").rollouts(7, 5)) == [0, 1, 2, 3, 4]
+    assert get_method("mpg").rollouts(7, 5)[0] == 2
+    for preset in ("standard", "paper"):
+        garat, mpg, mpge = (load_preset(get_method(name).preset, preset, "broken_hopper") for name in ("garat", "mpg", "mpge"))
+        assert garat == mpg
+        assert mpg | {"ensemble": 5} == mpge
+        assert mpg["ensemble"] == 1
+
+
+def test_paper_preset_has_the_papers_budgets():
+    hopper, pendulum = (load_preset("mpg", "paper", task) for task in ("broken_hopper", "biased_pendulum"))
+    assert (hopper["grounding"]["steps"], hopper["agent"]["steps"]) == (20_000_000, 3_000_000)
+    assert (pendulum["grounding"]["steps"], pendulum["agent"]["steps"]) == (5_000_000, 2_000_000)
+
+
+def test_a_run_repeats_from_its_seed_and_with_any_number_of_processes(make_policy, tmp_path):
+    _, one = _train("biased_pendulum", "mpge", make_policy, tmp_path / "a")
+    _, two = _train("biased_pendulum", "mpge", make_policy, tmp_path / "b", jobs=2)
+    assert one.grounding.members == 2
+    for name, tensor in one.policy.items():
+        np.testing.assert_array_equal(tensor, two.policy[name], err_msg=name)
+    first, second = (one.grounding.policies.weights[member]["action_net.weight"] for member in range(2))
+    assert np.abs(first - second).max() > 1e-3, "members differ by seed"
+
+
+def test_unknown_method():
+    with pytest.raises(UserError, match="unknown method 'mpgee'; choose one of: direct, garat, mpg, mpge"):
+        get_method("mpgee")

@@ -1,0 +1,93 @@
+"""The policy network, its numpy twin and its files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from mpge_bench.baselines.policy import PolicySet, load_state, policy_set, save_policy
+from mpge_bench.envs import get_task
+from mpge_bench.envs.errors import UserError
+
+
+@pytest.fixture
+def hopper():
+    return get_task("broken_hopper").source()
+
+
+def test_numpy_twin_gives_the_distribution_of_the_torch_policy(hopper, make_policy):
+    policies = [make_policy(hopper, seed) for seed in range(3)]
+    twin = policy_set(policies, 1.0)
+    observations = np.random.default_rng(0).normal(size=(20, 11))
+    member = np.arange(20) % 3
+    mean, std = twin.distribution(observations, member)
+    for index, policy in enumerate(policies):
+        chosen = member == index
+        with torch.no_grad():
+            expected = policy.get_distribution(torch.as_tensor(observations[chosen], dtype=torch.float32)).distribution
+        np.testing.assert_allclose(mean[chosen], expected.mean, atol=1e-4)
+        np.testing.assert_allclose(std[chosen], expected.stddev, atol=1e-4)
+
+
+def test_standard_deviation_depends_on_the_state(hopper, make_policy):
+    twin = policy_set([make_policy(hopper)], 1.0)
+    _, std = twin.distribution(np.random.default_rng(0).normal(size=(50, 11)), np.zeros(50, int))
+    assert std.std(0).min() > 1e-3
+
+
+def test_outputs_scale_with_the_action_limit(make_policy):
+    pendulum = get_task("biased_pendulum").source()
+    policy = make_policy(pendulum)
+    wide = policy_set([policy], 3.0).distribution(np.ones((1, 4)), np.zeros(1, int))
+    unit = policy_set([policy], 1.0).distribution(np.ones((1, 4)), np.zeros(1, int))
+    np.testing.assert_allclose(wide, np.multiply(unit, 3.0))
+
+
+def test_actions_stay_within_the_limit_and_sampling_has_the_stated_spread(hopper, make_policy):
+    twin = policy_set([make_policy(hopper)], 1.0)
+    rng = np.random.default_rng(0)
+    observations = np.repeat(rng.normal(size=(1, 11)) * 0.1, 20000, axis=0)
+    member = np.zeros(len(observations), int)
+    actions = twin.sample(observations, member, rng)
+    assert np.abs(actions).max() <= 1.0
+    mean, std = (values[0] for values in twin.distribution(observations, member))
+    expected = np.clip(mean + std * np.random.default_rng(1).standard_normal((20000, 3)), -1, 1)
+    np.testing.assert_allclose(actions.mean(0), expected.mean(0), atol=0.02)
+    np.testing.assert_allclose(actions.std(0), expected.std(0), atol=0.02)
+
+
+def test_file_round_trip_keeps_the_policy_and_its_card(hopper, tmp_path, make_policy):
+    policy = make_policy(hopper)
+    save_policy(tmp_path / "a.safetensors", policy.state_dict(), {"seed": 7})
+    state = load_state(tmp_path / "a.safetensors", 11, 3)
+    other = make_policy(hopper, seed=1)
+    other.load_state_dict(state)
+    observations = torch.randn(5, 11)
+    assert torch.equal(policy.get_distribution(observations).distribution.mean, other.get_distribution(observations).distribution.mean)
+    assert json.loads((tmp_path / "a.json").read_text()) == {"seed": 7}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.safetensors"]
+    assert len(PolicySet([{k: v.numpy() for k, v in state.items()}], 1.0)) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 100])
+def test_corrupt_file_is_one_clear_line(tmp_path, content):
+    path = tmp_path / "bad.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"bad\.safetensors: not a readable policy file.*train-policies") as caught:
+        load_state(path, 11, 3)
+    assert "\n" not in str(caught.value)
+
+
+def test_truncated_file_and_missing_file_and_wrong_robot(hopper, tmp_path, make_policy):
+    save_policy(tmp_path / "a.safetensors", make_policy(hopper).state_dict(), {})
+    data = (tmp_path / "a.safetensors").read_bytes()
+    (tmp_path / "cut.safetensors").write_bytes(data[: len(data) // 2])
+    with pytest.raises(UserError, match="not a readable policy file"):
+        load_state(tmp_path / "cut.safetensors", 11, 3)
+    with pytest.raises(UserError, match="no such policy file"):
+        load_state(tmp_path / "none.safetensors", 11, 3)
+    with pytest.raises(UserError, match="11 observations and 3 actions, where the task has 17 and 6"):
+        load_state(tmp_path / "a.safetensors", 17, 6)

@@ -1,0 +1,133 @@
+"""The command line, run as a user does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from mpge_bench.envs import TASKS
+
+
+def start(*arguments, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "mpge_bench", *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def call(*arguments):
+    process = start(*arguments)
+    out, err = process.communicate(timeout=120)
+    return process.returncode, out, err
+
+
+def refused(*arguments):
+    code, out, err = call(*arguments)
+    assert code == 2
+    assert "Traceback" not in out + err
+    assert len(err.strip().splitlines()) == 1, err
+    return err
+
+
+def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path):
+    arguments = ("run", "--task", "biased_pendulum", "--method", "mpge", "--samples", 50, "--preset", "smoke")
+    arguments += ("--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2)
+    code, out, err = call(*arguments)
+    assert code == 0, err
+    for text in ("direct", "mpge", "target-optimal", "normalised return", "action-transformation error", "result.json", "seed0"):
+        assert text in out
+    assert "grounding × 2: done, 16,384 steps" in err
+    assert "agent in the grounded source: done, 4,096 steps" in err
+    assert "pybullet build time" not in out + err
+    code, out, _ = call(*arguments)
+    assert code == 0
+    assert "already" in out
+    code, out, _ = call("leaderboard", tmp_path / "out", "--markdown")
+    assert code == 0
+    assert "| biased_pendulum | 50 | smoke | mpge | 1 |" in out
+
+
+def test_sweep_goes_on_where_it_stopped_and_past_failures(policy_folder, tmp_path):
+    arguments = ["sweep", "--task", "biased_pendulum", "--method", "direct", "--samples", 50, "--preset", "smoke", "--policies", policy_folder]
+    arguments += ["--out", tmp_path / "out", "--jobs", 1]
+    code, _, err = call(*arguments, "--seeds", 1)
+    assert code == 0, err
+    stamp = (tmp_path / "out/biased_pendulum/direct/n50/smoke/seed0/result.json").stat().st_mtime_ns
+    code, _, err = call(*arguments, "--seeds", 2, "--task", "broken_hopper")
+    assert code == 2
+    assert "2 of 4 runs failed" in err
+    assert (tmp_path / "out/biased_pendulum/direct/n50/smoke/seed0/result.json").stat().st_mtime_ns == stamp
+    assert (tmp_path / "out/biased_pendulum/direct/n50/smoke/seed1/result.json").exists()
+
+
+def test_tasks_and_methods_are_listed():
+    code, out, _ = call("tasks")
+    assert code == 0
+    assert all(name in out for name in TASKS)
+    code, out, _ = call("methods")
+    assert code == 0
+    assert all(name in out for name in ("direct", "garat", "mpg", "mpge"))
+
+
+@pytest.mark.parametrize("command", ["run", "sweep", "train-policies", "leaderboard"])
+def test_help_teaches(command):
+    code, out, _ = call(command, "--help")
+    assert code == 0
+    assert len(out.splitlines()) > 8
+
+
+def test_wrong_names():
+    assert "unknown task 'hoper'; choose one of: biased_pendulum, broken_hopper" in refused("run", "--task", "hoper")
+    assert "unknown method 'mgpe'; choose one of" in refused("run", "--method", "mgpe")
+    assert "unknown preset 'quick'; choose one of: smoke, standard, paper" in refused("run", "--preset", "quick")
+    assert "unknown kind 'both of them'" in refused("train-policies", "--task", "broken_hopper", "--kind", "both of them")
+    assert "no result.json below it" in refused("leaderboard", "nowhere")
+
+
+def test_too_few_samples(policy_folder):
+    err = refused("run", "--task", "biased_pendulum", "--samples", 4, "--policies", policy_folder)
+    assert "4 target samples are too few for 5 rollout policies; give --samples 5 or more" in err
+
+
+def test_missing_and_corrupt_policies(policy_folder, tmp_path):
+    arguments = ("run", "--task", "biased_pendulum", "--preset", "smoke", "--policies", policy_folder, "--out", tmp_path / "out")
+    path = policy_folder / "inverted_pendulum/source_3.safetensors"
+    path.write_bytes(path.read_bytes()[:100])
+    assert f"{path}: not a readable policy file" in refused(*arguments)
+    path.unlink()
+    err = refused(*arguments)
+    assert f"{path}: this source policy is missing; `python -m mpge_bench train-policies --task biased_pendulum` makes it" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_policies_not_shipped_yet_name_the_command_that_makes_them(tmp_path):
+    assert "train-policies --task broken_cheetah" in refused("run", "--task", "broken_cheetah", "--policies", tmp_path)
+
+
+def test_unwritable_output(policy_folder, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    err = refused("run", "--task", "biased_pendulum", "--preset", "smoke", "--policies", policy_folder, "--out", blocked)
+    assert "cannot be written to" in err
+    assert "--out" in err
+
+
+@pytest.mark.parametrize("command", ["run", "sweep"])
+def test_ctrl_c_leaves_nothing_half_made(command, policy_folder, tmp_path):
+    arguments = [command, "--task", "biased_pendulum", "--method", "mpge", "--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2]
+    process = start(*arguments, start_new_session=True)
+    deadline = time.monotonic() + 60
+    while not list((tmp_path / "out").rglob("events.out.tfevents*")):
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    assert [path for path in (tmp_path / "out").rglob("*") if path.is_file()] == []
