@@ -218,7 +218,8 @@ class World:
             self._advance(self._delivered(command))
         else:
             # Effects index these a lot, which lists answer faster than arrays.
-            self.q, self.dq = self.q.tolist(), self.dq.tolist()
+            lists: Any = (self.q.tolist(), self.dq.tolist())
+            self.q, self.dq = lists
             for _ in range(self.substeps):
                 self._advance(self._delivered(command))
         self.q, self.dq = np.array(self.q), np.array(self.dq)

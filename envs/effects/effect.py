@@ -55,7 +55,7 @@ class Effect:
     def __post_init__(self) -> None:
         for name, parameter in self.parameters.items():
             value = getattr(self, name)
-            if not (isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) and parameter.low <= value <= parameter.high):
+            if not (isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) and parameter.low <= float(value) <= parameter.high):
                 raise UserError(
                     f"effect {self.name} on {self.target}: {name} = {value} {parameter.unit} is outside"
                     f" [{parameter.low:g}, {parameter.high:g}]; choose a value within the bounds"
