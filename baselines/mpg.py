@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -26,8 +25,8 @@ from mpge_bench.baselines.presets import settings_from
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.baselines.vector import Worlds
+from mpge_bench.baselines.workers import worker_pool
 from mpge_bench.envs import RobotEnv
-
 
 @dataclass(frozen=True)
 class GroundingSettings:
@@ -39,6 +38,10 @@ class GroundingSettings:
     #: πg starts as a = ã with this standard deviation, in units of its range (the full width of the action range).
     initial_std: float = 0.1
     target_kl: float = 0.01
+    #: Share of `target_kl` left at the end; it falls linearly, so that the noise of the last updates does not stay in πg.
+    final_kl: float = 1.0
+    #: What a change of the action costs πg, times ‖ã − a‖² / range²: where the target's samples say nothing (a joint at its end stop), none is made.
+    change_cost: float = 0.0
     value_learning_rate: float = 1e-3
     value_updates: int = 5
     width: int = 64
@@ -47,6 +50,8 @@ class GroundingSettings:
     #: Batches that go to D alone at first: an untrained D would send πg anywhere.
     warm_up: int = 10
     discriminator: DiscriminatorSettings = field(default_factory=DiscriminatorSettings)
+    #: πg's inputs are divided by so many standard deviations of the target's states; the wider, the smoother it is where the samples did not go.
+    input_spread: float = 1.0
     #: Steps between two points of the learning curve.
     checkpoint: int = 100_000
 
@@ -58,6 +63,9 @@ class MPGSettings:
     grounding: GroundingSettings
     agent: AgentSettings
     ensemble: int = 1
+    #: Least standard deviation, in units of the action limit, with which the rollout policies act in source and target. PPO's shrinks to about
+    #: 0.1, where that of the paper's SAC stays wide; actions never tried cannot be grounded.
+    rollout_std: float = 0.0
 
 
 class _Steps(BaseCallback):
@@ -120,8 +128,7 @@ def ground(
     )
     trpo.set_logger(configure(str(log_dir), ["tensorboard"]))
     _, callback = trpo._setup_learn(settings.steps, _Steps(advance, settings.worlds))
-    known = np.concatenate((target.observations, target.actions), axis=1)
-    trpo.policy.features_extractor.set(known.mean(0), known.std(0))  # type: ignore[operator]
+    trpo.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
     discriminator = Discriminator(target, settings.discriminator, generator)
     checkpoints: dict[int, dict[str, Array]] = {}
     for batch in range(1, _batches(settings) + 1):  # 3
@@ -132,9 +139,11 @@ def ground(
         for _ in range(settings.discriminator_passes):
             log = discriminator.update(transitions)
         # 14: πg's and the value heads' step on the reward −log D; γ = 0, so that what comes after the last step is of no consequence.
-        trpo.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds)
+        cost = settings.change_cost * ((trpo.rollout_buffer.actions / (2 * worlds.limit)) ** 2).sum(-1)
+        trpo.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds) - cost
         trpo.rollout_buffer.compute_returns_and_advantage(torch.zeros(settings.worlds), np.zeros(settings.worlds))
         if batch > settings.warm_up:
+            trpo.target_kl = settings.target_kl * (1 - (1 - settings.final_kl) * batch / _batches(settings))
             trpo.train()
         steps = batch * settings.batch_size
         for name, value in log.items():
@@ -146,6 +155,13 @@ def ground(
     return checkpoints
 
 
+def _input_scale(target: Transitions, spread: float, limit: float) -> tuple[Array, Array]:
+    """Mean and standard deviation by which πg's inputs (s, a) are normalised."""
+    mean = np.concatenate((target.observations.mean(0), np.zeros(target.actions.shape[1])))
+    std = np.concatenate((spread * target.observations.std(0), np.full(target.actions.shape[1], limit)))
+    return mean, std
+
+
 def _batches(settings: GroundingSettings) -> int:
     return max(1, settings.steps // settings.batch_size)
 
@@ -154,11 +170,8 @@ _queue: Any = None
 
 
 def _start_worker(queue: Any) -> None:
-    """Ctrl-C is the parent's to handle; one thread a process, since the networks are small."""
     global _queue
     _queue = queue
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    torch.set_num_threads(1)
 
 
 def _ground_in_worker(*arguments: Any) -> dict[int, dict[str, Array]]:
@@ -167,19 +180,18 @@ def _ground_in_worker(*arguments: Any) -> dict[int, dict[str, Array]]:
 
 
 def ground_ensemble(
-    problem: Problem, target: Transitions, settings: MPGSettings, seed: int, progress: Progress, log_dir: Path, jobs: int
+    problem: Problem, rollouts: PolicySet, target: Transitions, settings: MPGSettings, seed: int, progress: Progress, log_dir: Path, jobs: int
 ) -> list[dict[int, dict[str, Array]]]:
     """N groundings that differ by seed alone, up to `jobs` of them at a time."""
     progress.stage(f"grounding × {settings.ensemble}", settings.ensemble * _batches(settings.grounding) * settings.grounding.batch_size)
     calls = [
-        (problem.source, problem.rollouts, target, settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
+        (problem.source, rollouts, target, settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
         for member in range(settings.ensemble)
     ]
     if min(jobs, settings.ensemble) == 1:
         return [ground(*call[:-1], progress.advance, call[-1]) for call in calls]
-    context = multiprocessing.get_context("spawn")
-    queue = context.SimpleQueue()
-    with context.Pool(min(jobs, settings.ensemble), _start_worker, (queue,)) as pool:
+    queue = multiprocessing.get_context("spawn").SimpleQueue()
+    with worker_pool(min(jobs, settings.ensemble), _start_worker, (queue,)) as pool:
         waiting = [pool.apply_async(_ground_in_worker, call) for call in calls]
         while not all(one.ready() for one in waiting):
             time.sleep(0.2)
@@ -201,10 +213,11 @@ class MPG:
     def train(self, problem: Problem, settings: Mapping[str, Any], seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         chosen = settings_from(MPGSettings, settings)
         begun = time.monotonic()
-        target = problem.demonstrations(problem.rollouts)
-        members = ground_ensemble(problem, target, chosen, seed, progress, log_dir, jobs)
-        grounded = time.monotonic()
         limit = problem.robot.action_limit
+        rollouts = PolicySet(problem.rollouts.weights, limit, chosen.rollout_std)
+        target = problem.demonstrations(rollouts)
+        members = ground_ensemble(problem, rollouts, target, chosen, seed, progress, log_dir, jobs)
+        grounded = time.monotonic()
         checkpoints = {
             steps: LearntTransformation(PolicySet([member[steps] for member in members], 2 * limit), limit) for steps in members[0]
         }

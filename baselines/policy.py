@@ -107,10 +107,12 @@ class PolicySet:
     Args:
         weights: one state dict of `GaussianPolicy` a policy, all of one shape.
         limit: the action limit.
+        least_std: lower bound of the standard deviation with which `sample` acts, in units of the limit.
     """
 
-    def __init__(self, weights: Sequence[Mapping[str, Array]], limit: float) -> None:
+    def __init__(self, weights: Sequence[Mapping[str, Array]], limit: float, least_std: float = 0.0) -> None:
         self.weights = weights
+        self.least_std = least_std
         self.members = len(weights)
         self.limit = limit
 
@@ -129,7 +131,7 @@ class PolicySet:
         return self.members
 
     def __getitem__(self, index: int) -> PolicySet:
-        return PolicySet([self.weights[index]], self.limit)
+        return PolicySet([self.weights[index]], self.limit, self.least_std)
 
     def distribution(self, observation: Array, member: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, both (n, actuators), at observations (n, o) of the policies with indices (n,)."""
@@ -143,6 +145,7 @@ class PolicySet:
     def sample(self, observation: Array, member: Array, rng: np.random.Generator) -> Array:
         """Stochastic actions (n, actuators), within the limit."""
         mean, std = self.distribution(observation, member)
+        std = np.maximum(std, self.least_std * self.limit)
         return np.clip(mean + std * rng.standard_normal(mean.shape), -self.limit, self.limit)
 
     def best(self, observation: Array, member: Array) -> Array:

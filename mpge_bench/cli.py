@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -80,31 +78,24 @@ def sweep(
     It can be stopped at any time and called again: what is there is not run again. A run that fails is named at the end; the others go on.
     """
     from mpge_bench import leaderboard as board
+    from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness.run import RunSettings
     from mpge_bench.policies import FOLDER
 
     plan = [RunSettings(t, m, n, preset, s) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
     failed: list[str] = []
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, ConsoleProgress() as progress:
-        try:
-            waiting = {pool.submit(_run_quietly, settings, out, policies or FOLDER): settings for settings in plan}
-            progress.stage(f"{len(plan)} runs", len(plan))
-            for done in as_completed(waiting):
-                settings, error = waiting[done], done.exception()
-                name = settings.folder(Path())
-                if error:
-                    failed.append(f"{name}: {error}")
-                    progress.console.print(f"{name}: failed: {error}")
-                else:
-                    normalized = done.result()["normalized_return"]
-                    progress.console.print(f"{name}: normalised return {normalized:.2f}" if normalized is not None else f"{name}: done")
-                progress.advance(1)
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in list(pool._processes.values()):
-                process.terminate()
-            raise
+    with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
+        progress.stage(f"{len(plan)} runs", len(plan))
+        for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or FOLDER) for settings in plan]):
+            name = settings.folder(Path())
+            if error:
+                failed.append(f"{name}: {error}")
+                progress.console.print(f"{name}: failed: {error}")
+            else:
+                normalized = result["normalized_return"]
+                progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
+            progress.advance(1)
     results = board.collect(out)
     if len(results):
         _out.print(board.table(board.summarize(results)))
@@ -112,15 +103,14 @@ def sweep(
         raise UserError(f"{len(failed)} of {len(plan)} runs failed, first {failed[0]}")
 
 
-def _run_quietly(settings: Any, out: Path, policies: Path) -> dict[str, Any]:
-    import signal
-
+def _run_quietly(call: tuple[Any, Path, Path]) -> tuple[Any, dict[str, Any] | None, str | None]:
     from mpge_bench.harness.run import run
 
-    # SIGTERM, with which an interrupted sweep ends its runs, unwinds as Ctrl-C does and so clears the half-made folder away.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    return run(settings, out, policy_folder=policies)
+    settings, out, policies = call
+    try:
+        return settings, run(settings, out, policy_folder=policies), None
+    except Exception as error:  # one failed run must not take the others with it
+        return settings, None, f"{error}" if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
 
 
 @app.command("train-policies")
@@ -132,6 +122,7 @@ def train_policies(
     jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = os.cpu_count() or 1,
 ) -> None:
     """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card."""
+    from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.policies import FOLDER, SEEDS, policy_path
 
@@ -144,26 +135,17 @@ def train_policies(
     if not plan:
         _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
         return
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, ConsoleProgress() as progress:
-        try:
-            waiting = [pool.submit(_train_quietly, task, one, seed, folder) for one, seed in plan]
-            progress.stage(f"{len(plan)} policies", len(plan))
-            for done in as_completed(waiting):
-                progress.console.print(f"{done.result()}: written")
-                progress.advance(1)
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in list(pool._processes.values()):
-                process.terminate()
-            raise
+    with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
+        progress.stage(f"{len(plan)} policies", len(plan))
+        for path in pool.imap_unordered(_train_quietly, [(task, one, seed, folder) for one, seed in plan]):
+            progress.console.print(f"{path}: written")
+            progress.advance(1)
 
 
-def _train_quietly(task: str, kind: str, seed: int, folder: Path) -> Path:
-    import signal
-
+def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
     from mpge_bench.policies import train_policy
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    task, kind, seed, folder = call
     return train_policy(get_task(task), kind, seed, folder)
 
 
