@@ -86,7 +86,7 @@ def train_agent(
         worlds: where the agent acts; `settings.steps` control steps are taken.
         settings: hyperparameters.
         seed: of the network's initial weights and of the action noise.
-        start: state dict of the policy to start from, its input statistics then kept; None starts from scratch.
+        start: state dict of the policy to start from, its input statistics then kept, its noise set to `initial_std`; None starts from scratch.
         progress: told of every step.
         log_dir: where TensorBoard curves go.
     """
@@ -94,7 +94,7 @@ def train_agent(
     model = PPO(
         GaussianPolicy,
         env,
-        learning_rate=settings.learning_rate if start is not None else _linear(settings.learning_rate),
+        learning_rate=_linear(settings.learning_rate),
         n_steps=settings.rollout_steps,
         batch_size=settings.batch_size,
         n_epochs=settings.epochs,
@@ -110,6 +110,8 @@ def train_agent(
     callbacks: list[BaseCallback] = [] if start is not None else [_Normalize()]
     if start is not None:
         model.policy.load_state_dict(dict(start))
+        # A trained policy hardly explores any more; to learn another gait it must.
+        model.policy.set_std(settings.initial_std)
     if progress is not None:
         callbacks.append(_Report(progress, worlds.num_envs))
     model.learn(settings.steps, callback=callbacks)

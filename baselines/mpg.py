@@ -28,6 +28,7 @@ from mpge_bench.baselines.vector import Worlds
 from mpge_bench.baselines.workers import worker_pool
 from mpge_bench.envs import RobotEnv
 
+
 @dataclass(frozen=True)
 class GroundingSettings:
     """Hyperparameters of one grounding; `steps` is its budget of control steps, `batch_size` what πg and D are updated on."""
@@ -38,10 +39,10 @@ class GroundingSettings:
     #: πg starts as a = ã with this standard deviation, in units of its range (the full width of the action range).
     initial_std: float = 0.1
     target_kl: float = 0.01
-    #: Share of `target_kl` left at the end; it falls linearly, so that the noise of the last updates does not stay in πg.
-    final_kl: float = 1.0
     #: What a change of the action costs πg, times ‖ã − a‖² / range²: where the target's samples say nothing (a joint at its end stop), none is made.
     change_cost: float = 0.0
+    #: Share of `target_kl` and `change_cost` left at the end. They fall linearly: the noise of the last updates does not stay in πg, nor the cost's bias.
+    final_share: float = 1.0
     value_learning_rate: float = 1e-3
     value_updates: int = 5
     width: int = 64
@@ -139,11 +140,12 @@ def ground(
         for _ in range(settings.discriminator_passes):
             log = discriminator.update(transitions)
         # 14: πg's and the value heads' step on the reward −log D; γ = 0, so that what comes after the last step is of no consequence.
-        cost = settings.change_cost * ((trpo.rollout_buffer.actions / (2 * worlds.limit)) ** 2).sum(-1)
+        share = 1 - (1 - settings.final_share) * batch / _batches(settings)
+        cost = share * settings.change_cost * ((trpo.rollout_buffer.actions / (2 * worlds.limit)) ** 2).sum(-1)
         trpo.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds) - cost
         trpo.rollout_buffer.compute_returns_and_advantage(torch.zeros(settings.worlds), np.zeros(settings.worlds))
         if batch > settings.warm_up:
-            trpo.target_kl = settings.target_kl * (1 - (1 - settings.final_kl) * batch / _batches(settings))
+            trpo.target_kl = share * settings.target_kl
             trpo.train()
         steps = batch * settings.batch_size
         for name, value in log.items():

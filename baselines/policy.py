@@ -82,10 +82,14 @@ class GaussianPolicy(ActorCriticPolicy):
         assert isinstance(self.action_dist, DiagGaussianDistribution)
         size = self.action_dist.action_dim
         self.log_std_net = nn.Linear(self.mlp_extractor.latent_dim_pi, size)
-        nn.init.zeros_(self.log_std_net.weight)
-        nn.init.constant_(self.log_std_net.bias, math.log(self.initial_std))
+        self.set_std(self.initial_std)
         del self.log_std
         self._make_optimizer(lr_schedule)
+
+    def set_std(self, std: float) -> None:
+        """Make the standard deviation `std`, in units of the action limit, in every state."""
+        nn.init.zeros_(self.log_std_net.weight)
+        nn.init.constant_(self.log_std_net.bias, math.log(std))
 
     def _make_optimizer(self, lr_schedule: Callable[[float], float]) -> None:
         # Every optimizer takes lr, but torch's base class does not say so.

@@ -93,7 +93,7 @@ def sweep(
                 failed.append(f"{name}: {error}")
                 progress.console.print(f"{name}: failed: {error}")
             else:
-                normalized = result["normalized_return"]
+                normalized = result["normalized_return"] if result else None
                 progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
             progress.advance(1)
     results = board.collect(out)
