@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -111,7 +111,7 @@ def train_agent(
     if start is not None:
         model.policy.load_state_dict(dict(start))
         # A trained policy hardly explores any more; to learn another gait it must.
-        model.policy.set_std(settings.initial_std)
+        cast(GaussianPolicy, model.policy).set_std(settings.initial_std)
     if progress is not None:
         callbacks.append(_Report(progress, worlds.num_envs))
     model.learn(settings.steps, callback=callbacks)

@@ -154,6 +154,7 @@ def ground(
         trpo.logger.dump(steps)
         if steps % settings.checkpoint < settings.batch_size or batch == _batches(settings):
             checkpoints[steps] = arrays(trpo.policy)
+    worlds.close()
     return checkpoints
 
 
@@ -228,6 +229,7 @@ class MPG:
         progress.stage("agent in the grounded source", chosen.agent.steps)
         start = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in problem.rollouts.weights[0].items()}
         policy = train_agent(worlds, chosen.agent, seed, start=start, progress=progress.advance, log_dir=log_dir / "agent")
+        worlds.close()
         return Result(
             policy.state_dict(),
             grounding,

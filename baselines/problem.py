@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,15 +37,15 @@ class BudgetError(UserError):
 
 def roll_out(make: Callable[[], RobotEnv], policies: PolicySet, member: int, samples: int, seed: int) -> Transitions:
     """`samples` transitions of stochastic policy number `member` in one environment, from fresh episodes."""
-    worlds = Worlds(make, 1, seed)
     rng = np.random.default_rng(seed)
-    states = worlds.reset()
     parts = []
-    for _ in range(samples):
-        action = policies.sample(states, np.array([member]), rng)
-        reached, _, dones, infos = worlds.step(action)
-        parts.append(Transitions(states, action, infos[0]["terminal_observation"][None] if dones[0] else reached))
-        states = reached
+    with closing(Worlds(make, 1, seed)) as worlds:
+        states = worlds.reset()
+        for _ in range(samples):
+            action = policies.sample(states, np.array([member]), rng)
+            reached, _, dones, infos = worlds.step(action)
+            parts.append(Transitions(states, action, infos[0]["terminal_observation"][None] if dones[0] else reached))
+            states = reached
     return merge(parts)
 
 

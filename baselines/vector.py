@@ -104,6 +104,7 @@ class Worlds(VecEnv):
         return self.observations.copy(), rewards, dones, infos
 
     def close(self) -> None:
+        """Give the worlds' memory back (some 50 MB each in PyBullet); nothing but `steps` is to be asked for after it."""
         self.envs = []
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:

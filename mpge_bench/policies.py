@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -41,7 +42,8 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     progress.stage(f"{task.name if kind == 'target' else task.robot.name} {kind} policy, seed {seed}", settings.steps)
     make = task.source if kind == "source" else task.target
     begun = time.monotonic()
-    policy = train_agent(Worlds(make, settings.worlds, seed), settings, seed, progress=progress.advance)
+    with closing(Worlds(make, settings.worlds, seed)) as worlds:
+        policy = train_agent(worlds, settings, seed, progress=progress.advance)
     path = policy_path(task, kind, seed, folder)
     single = policy_set([policy], task.robot.action_limit)
     card = {

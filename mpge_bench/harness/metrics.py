@@ -51,6 +51,7 @@ def returns(
             if played[index] < share[index]:
                 found.append(infos[index]["episode"]["r"])
             played[index] += 1
+    worlds.close()
     return Returns(float(np.mean(found)), float(np.std(found)), episodes)
 
 
@@ -79,6 +80,7 @@ def action_transformation_error(task: Task, transformation: Transformation | Non
         found = worlds.transformation(states, action, worlds.member)
         errors.append(np.linalg.norm(task.action_transformation(action) - found, axis=1))
         states, *_ = worlds.step(action)
+    worlds.close()
     return float(np.mean(errors))
 
 

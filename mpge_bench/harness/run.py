@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import platform
@@ -26,7 +27,7 @@ from mpge_bench.baselines.problem import Problem, merge, roll_out
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.metrics import SEED, action_transformation_error, normalized_return, returns, transition_error
+from mpge_bench.harness.metrics import SEED, Returns, action_transformation_error, normalized_return, returns, transition_error
 
 SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -65,7 +66,8 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
     if settings.preset not in PRESETS:
         raise UserError(f"unknown preset {settings.preset!r}; choose one of: {', '.join(PRESETS)}")
     chosen = load_preset(method.preset, settings.preset, task.name) if method.preset else {}
-    sources, optimal = policies.load_set(task, "source", policy_folder), policies.load_set(task, "target", policy_folder)
+    sources = policies.load_set(task, "source", policy_folder)
+    policies.load_set(task, "target", policy_folder)  # what is missing shall be known before the work, not after it
     rollouts = PolicySet([sources.weights[index] for index in method.rollouts(settings.seed, len(sources))], sources.limit)
     problem = Problem(task, rollouts, settings.samples, settings.seed)
     partial = folder.with_name(folder.name + ".partial")
@@ -84,8 +86,8 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         policy = PolicySet([{name: tensor.numpy().astype(np.float64) for name, tensor in result.policy.items()}], task.robot.action_limit)
         found = {
             "policy": returns(task.target, policy),
-            "direct": returns(task.target, sources),
-            "target_optimal": returns(task.target, optimal),
+            "direct": _reference(task.name, "source", policy_folder),
+            "target_optimal": _reference(task.name, "target", policy_folder),
             "grounded": returns(task.source, policy, transformation=result.grounding) if result.grounding else None,
         }
         probe = merge([roll_out(task.target, sources, index, _PROBE // len(sources), SEED) for index in range(len(sources))])
@@ -128,6 +130,12 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         shutil.rmtree(partial, ignore_errors=True)
         raise
     return data
+
+
+@functools.cache
+def _reference(task: str, kind: str, folder: Path) -> Returns:
+    """Return in the target of the source or target-optimal policies; the same in every run, so measured once a process."""
+    return returns(get_task(task).target, policies.load_set(get_task(task), kind, folder))
 
 
 def read_result(path: Path) -> dict[str, Any]:
