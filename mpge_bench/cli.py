@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from itertools import product
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from mpge_bench.envs import TASKS, get_task
 from mpge_bench.envs.errors import UserError
@@ -85,17 +86,22 @@ def sweep(
 
     plan = [RunSettings(t, m, n, preset, s) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
     failed: list[str] = []
-    with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
-        progress.stage(f"{len(plan)} runs", len(plan))
-        for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or FOLDER) for settings in plan]):
-            name = settings.folder(Path())
-            if error:
-                failed.append(f"{name}: {error}")
-                progress.console.print(f"{name}: failed: {error}")
-            else:
-                normalized = result["normalized_return"] if result else None
-                progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
-            progress.advance(1)
+    try:
+        with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
+            progress.stage(f"{len(plan)} runs", len(plan))
+            for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or FOLDER) for settings in plan]):
+                name = settings.folder(Path())
+                if error:
+                    failed.append(f"{name}: {error}")
+                    progress.console.print(f"{name}: failed: {error}")
+                else:
+                    normalized = result["normalized_return"] if result else None
+                    progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
+                progress.advance(1)
+    except BaseException:
+        for settings in plan:
+            shutil.rmtree(settings.partial(out), ignore_errors=True)
+        raise
     results = board.collect(out)
     if len(results):
         _out.print(board.table(board.summarize(results)))
@@ -170,7 +176,7 @@ def leaderboard(
 @app.command()
 def tasks() -> None:
     """List the source/target pairs."""
-    drawn = Table("task", "robot", "the target differs by", "effects", "from")
+    drawn = Table(Column("task", no_wrap=True), "robot", "the target differs by", "effects", "from")
     for task in TASKS.values():
         effects = ", ".join(f"{effect.name}:{effect.target}" for effect in task.effects)
         drawn.add_row(task.name, task.robot.name, task.summary, effects, task.citation)
@@ -218,6 +224,7 @@ def main() -> None:
     except UserError as error:
         print(f"mpge_bench: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("mpge_bench: interrupted; nothing half-made was left behind", file=sys.stderr)
-        sys.exit(130)
+    except SystemExit as end:
+        if end.code == 130:  # what Typer makes of Ctrl-C
+            print("mpge_bench: interrupted; nothing half-made was left behind", file=sys.stderr)
+        raise

@@ -49,6 +49,11 @@ class RunSettings:
         """Where under `out` the result goes."""
         return out / self.task / self.method / f"n{self.samples}" / self.preset / f"seed{self.seed}"
 
+    def partial(self, out: Path) -> Path:
+        """The folder that takes the files until all are there."""
+        folder = self.folder(out)
+        return folder.with_name(folder.name + ".partial")
+
 
 def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLDER, jobs: int = 1, progress: Progress | None = None) -> dict[str, Any]:
     """Run and measure; write ``result.json``, ``policy.safetensors``, ``curve.parquet`` and TensorBoard curves; return the result.
@@ -70,7 +75,7 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
     policies.load_set(task, "target", policy_folder)  # what is missing shall be known before the work, not after it
     rollouts = PolicySet([sources.weights[index] for index in method.rollouts(settings.seed, len(sources))], sources.limit)
     problem = Problem(task, rollouts, settings.samples, settings.seed)
-    partial = folder.with_name(folder.name + ".partial")
+    partial = settings.partial(out)
     try:
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
