@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.stats import trim_mean
 
 from mpge_bench.leaderboard import interquartile_mean, interval, markdown, summarize
 
@@ -17,7 +16,7 @@ VALUES = st.integers(1, 5).flatmap(lambda quarter: arrays(float, 4 * quarter, el
 
 @given(VALUES)
 def test_interquartile_mean_is_the_trimmed_mean_where_that_is_exact(values):
-    assert interquartile_mean(values) == pytest.approx(trim_mean(values, 0.25), abs=1e-9)
+    assert interquartile_mean(values) == pytest.approx(np.sort(values)[len(values) // 4 : -len(values) // 4].mean(), abs=1e-9)
 
 
 def test_interquartile_mean_of_three_weighs_the_middle_most():
