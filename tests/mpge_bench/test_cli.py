@@ -119,7 +119,8 @@ def test_unwritable_output(policy_folder, tmp_path):
 @pytest.mark.parametrize("command", ["run", "sweep"])
 def test_ctrl_c_leaves_nothing_half_made(command, policy_folder, tmp_path):
     arguments = [command, "--task", "biased_pendulum", "--method", "mpge", "--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2]
-    process = start(*arguments, start_new_session=True)
+    # Where tests run in the background, SIGINT is ignored, and so it would be in their children.
+    process = start(*arguments, start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     deadline = time.monotonic() + 60
     while not list((tmp_path / "out").rglob("events.out.tfevents*")):
         assert process.poll() is None, process.stderr.read()
