@@ -61,7 +61,9 @@ class _Normalize(BaseCallback):
         return True
 
 
-class _Report(BaseCallback):
+class StepReport(BaseCallback):
+    """Tells `progress` of every step of `worlds` worlds."""
+
     def __init__(self, progress: Progress, worlds: int) -> None:
         super().__init__()
         self.progress, self.worlds = progress, worlds
@@ -113,7 +115,7 @@ def train_agent(
         # A trained policy hardly explores any more; to learn another gait it must.
         cast(GaussianPolicy, model.policy).set_std(settings.initial_std)
     if progress is not None:
-        callbacks.append(_Report(progress, worlds.num_envs))
+        callbacks.append(StepReport(progress, worlds.num_envs))
     model.learn(settings.steps, callback=callbacks)
     assert isinstance(model.policy, GaussianPolicy)
     return model.policy

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from mpge_bench.baselines.method import Result
+from mpge_bench.baselines.policy import tensors
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 
@@ -23,4 +22,4 @@ class Direct:
         return [seed % available]
 
     def train(self, problem: Problem, settings: Mapping[str, Any], seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
-        return Result({name: torch.as_tensor(value, dtype=torch.float32) for name, value in problem.rollouts.weights[0].items()})
+        return Result(tensors(problem.rollouts.weights[0]))

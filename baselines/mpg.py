@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import torch
 from sb3_contrib import TRPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
-from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.agent import AgentSettings, StepReport, train_agent
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
 from mpge_bench.baselines.grounding.transformation import LearntTransformation, TransformationPolicy
 from mpge_bench.baselines.method import Result
-from mpge_bench.baselines.policy import Array, PolicySet, arrays
+from mpge_bench.baselines.policy import Array, PolicySet, arrays, tensors
 from mpge_bench.baselines.presets import settings_from
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
@@ -67,18 +66,6 @@ class MPGSettings:
     #: Least standard deviation, in units of the action limit, with which the rollout policies act in source and target. PPO's shrinks to about
     #: 0.1, where that of the paper's SAC stays wide; actions never tried cannot be grounded.
     rollout_std: float = 0.0
-
-
-class _Steps(BaseCallback):
-    """Tells how many steps were made; TRPO's collection wants a callback anyway."""
-
-    def __init__(self, advance: Callable[[int], None], worlds: int) -> None:
-        super().__init__()
-        self.advance, self.worlds = advance, worlds
-
-    def _on_step(self) -> bool:
-        self.advance(self.worlds)
-        return True
 
 
 def ground(
@@ -128,7 +115,7 @@ def ground(
         device="cpu",
     )
     trpo.set_logger(configure(str(log_dir), ["tensorboard"]))
-    _, callback = trpo._setup_learn(settings.steps, _Steps(advance, settings.worlds))
+    _, callback = trpo._setup_learn(settings.steps, StepReport(advance, settings.worlds))
     trpo.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
     discriminator = Discriminator(target, settings.discriminator, generator)
     checkpoints: dict[int, dict[str, Array]] = {}
@@ -153,7 +140,7 @@ def ground(
         trpo.logger.record("grounding/reward", float(trpo.rollout_buffer.rewards.mean()))
         trpo.logger.dump(steps)
         if steps % settings.checkpoint < settings.batch_size or batch == _batches(settings):
-            checkpoints[steps] = arrays(trpo.policy)
+            checkpoints[steps] = arrays(trpo.policy.state_dict())
     worlds.close()
     return checkpoints
 
@@ -227,8 +214,7 @@ class MPG:
         grounding = checkpoints[max(checkpoints)]
         worlds = Worlds(problem.source, chosen.agent.worlds, seed, grounding)
         progress.stage("agent in the grounded source", chosen.agent.steps)
-        start = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in problem.rollouts.weights[0].items()}
-        policy = train_agent(worlds, chosen.agent, seed, start=start, progress=progress.advance, log_dir=log_dir / "agent")
+        policy = train_agent(worlds, chosen.agent, seed, start=tensors(problem.rollouts.weights[0]), progress=progress.advance, log_dir=log_dir / "agent")
         worlds.close()
         return Result(
             policy.state_dict(),

@@ -100,9 +100,14 @@ class GaussianPolicy(ActorCriticPolicy):
         return self.action_dist.proba_distribution(self.action_net(latent_pi) * self.limit, log_std)
 
 
-def arrays(policy: ActorCriticPolicy) -> dict[str, Array]:
-    """The weights of `policy` as float64 arrays."""
-    return {name: tensor.detach().cpu().numpy().astype(np.float64) for name, tensor in policy.state_dict().items()}
+def arrays(state: Mapping[str, torch.Tensor]) -> dict[str, Array]:
+    """A state dict as float64 arrays, as `PolicySet` takes it."""
+    return {name: tensor.detach().cpu().numpy().astype(np.float64) for name, tensor in state.items()}
+
+
+def tensors(weights: Mapping[str, Array]) -> dict[str, torch.Tensor]:
+    """The state dict that `arrays` made `weights` from."""
+    return {name: torch.as_tensor(value, dtype=torch.float32) for name, value in weights.items()}
 
 
 class PolicySet:
@@ -159,7 +164,7 @@ class PolicySet:
 
 def policy_set(policies: Sequence[ActorCriticPolicy], limit: float) -> PolicySet:
     """The numpy twin of torch `policies`."""
-    return PolicySet([arrays(policy) for policy in policies], limit)
+    return PolicySet([arrays(policy.state_dict()) for policy in policies], limit)
 
 
 def save_policy(path: Path, state: Mapping[str, torch.Tensor], card: Mapping[str, Any]) -> None:

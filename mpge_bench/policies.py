@@ -8,11 +8,10 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from mpge_bench.baselines.agent import AgentSettings, train_agent
-from mpge_bench.baselines.policy import PolicySet, load_state, policy_set, save_policy
+from mpge_bench.baselines.policy import PolicySet, arrays, load_state, policy_set, save_policy
 from mpge_bench.baselines.presets import load_preset, settings_from
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import Worlds
@@ -75,4 +74,4 @@ def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
         if not path.exists():
             raise UserError(f"{path}: this {kind} policy is missing; `python -m mpge_bench train-policies --task {task.name}` makes it")
         states.append(load_state(path, task.robot.observation_size, len(task.robot.actuators)))
-    return PolicySet([{name: tensor.numpy().astype(np.float64) for name, tensor in state.items()} for state in states], task.robot.action_limit)
+    return PolicySet([arrays(state) for state in states], task.robot.action_limit)

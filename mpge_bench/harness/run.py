@@ -14,14 +14,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import torch
 from safetensors.torch import save_file
 
 from mpge_bench import policies
 from mpge_bench.baselines.method import Result, get_method
-from mpge_bench.baselines.policy import PolicySet
+from mpge_bench.baselines.policy import PolicySet, arrays
 from mpge_bench.baselines.presets import PRESETS, load_preset
 from mpge_bench.baselines.problem import Problem, merge, roll_out
 from mpge_bench.baselines.progress import Progress, Silent
@@ -88,7 +87,7 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=partial / "tensorboard", jobs=jobs)
         progress.stage("evaluation", 0)
         evaluated = time.monotonic()
-        policy = PolicySet([{name: tensor.numpy().astype(np.float64) for name, tensor in result.policy.items()}], task.robot.action_limit)
+        policy = PolicySet([arrays(result.policy)], task.robot.action_limit)
         found = {
             "policy": returns(task.target, policy),
             "direct": _reference(task.name, "source", policy_folder),
