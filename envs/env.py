@@ -39,7 +39,7 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         """Start an episode from the robot's random initial state."""
         super().reset(seed=seed)
         self.world.set_state(*self.robot.initial_state(self.np_random))
-        return self.robot.observation(self.world.q, self.world.dq), {}
+        return self.robot.observation(*self.world.read()), {}
 
     def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """One control step under `action`, shape (actuators,)."""
@@ -58,4 +58,4 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         before = world.q
         world.step(self._command)
         paid = clipped if chosen is executed else np.minimum(np.maximum(chosen, self._low), self._high)
-        return robot.observation(world.q, world.dq), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
+        return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mpge_bench.envs.effects import Effect, MassScale, TorqueBias, TorqueGain, TorqueLimit
+from mpge_bench.envs.effects import Effect, Hidden, MassScale, TorqueBias, TorqueGain, TorqueLimit
 from mpge_bench.envs.env import RobotEnv
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.robots import ROBOTS
@@ -58,7 +58,7 @@ class Task:
         command = np.zeros((len(robot.joints), len(action)))
         command[actuated] = (np.clip(action, -robot.action_limit, robot.action_limit) * robot.gears).T
         for effect in self.effects:
-            effect.actuate(command, robot.joints.index(effect.target), None, None)
+            effect.actuate(command, robot.joints.index(effect.target), None, None, Hidden(robot.timestep))
         return np.clip(command[actuated].T / robot.gears, -robot.action_limit, robot.action_limit)
 
 

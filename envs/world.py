@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import ctypes
+import functools
 import math
 import os
 import sys
 import tempfile
 import weakref
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,8 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.envs.effects.effect import Effect
+from mpge_bench.envs.effects.effect import Effect, Hidden
+from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.model import Model, rotor_of
 
 
 @contextlib.contextmanager
@@ -46,10 +47,6 @@ with _quiet():
 
 Array = npt.NDArray[np.float64]
 
-#: Gear ratio of the rotors that stand for armature. The rotor's own spin adds a cross term armature / ratio to the mass matrix;
-#: at 10 that is below a tenth of the armature and the iterative solver still converges fast.
-ROTOR_RATIO = 10.0
-
 
 class World:
     """A robot on a fixed base in a PyBullet world of its own, its joints read and driven in the order of the model file.
@@ -59,10 +56,10 @@ class World:
     Within an episode (steps without `set_state`) Bullet keeps its contact cache, as every PyBullet program does.
 
     Args:
-        model: path of the URDF file.
+        model: path of the URDF file, or the model itself (which stays as it is).
         timestep: physics step, s.
         substeps: physics steps a control step.
-        gravity: m/s², along z.
+        gravity: m/s², along z, or the whole vector in the base's frame.
         friction: coefficient of a ground plane at z = 0 (multiplied with the link's own, as Bullet does); None for no ground.
         armature: rotor inertia in kg m² by joint, added to the joint's own inertia as MuJoCo's `armature` is. PyBullet has none, so the rotor is
             built: a massless link on the joint's axis, of inertia armature / ratio², geared to the joint at 1 : ratio.
@@ -75,11 +72,11 @@ class World:
 
     def __init__(
         self,
-        model: Path,
+        model: Path | Model,
         *,
         timestep: float,
         substeps: int = 1,
-        gravity: float = -9.81,
+        gravity: float | Sequence[float] = -9.81,
         friction: float | None = None,
         armature: Mapping[str, float] | None = None,
         iterations: int = 10,
@@ -87,46 +84,70 @@ class World:
     ) -> None:
         self.timestep = timestep
         self.substeps = substeps
-        self.effects = tuple(effects)
         self._client: int = bullet.connect(bullet.DIRECT)
         weakref.finalize(self, _disconnect, self._client)
-        armature = dict(armature or {})
-        for name, inertia in armature.items():
-            if not 0 <= inertia < math.inf:
-                raise UserError(f"armature of joint {name} is {inertia} kg m²; it must be finite and not negative")
-        self._body = self._load(model, armature)
+        model = model.copy() if isinstance(model, Model) else Model(model)
+        for name, inertia in (armature or {}).items():
+            model.add_rotor(name, inertia, carried=True)
+        for name, inertia in model.armature.items():
+            model.add_rotor(name, inertia)
+        #: Those that were given, and what PyBullet leaves out of the model itself.
+        self.effects = (
+            *effects,
+            *(JointSpring(joint, *spring) for joint, spring in model.springs.items()),
+            *(CoulombFriction(joint, torque) for joint, torque in model.frictions().items()),
+        )
+        for effect in self.effects:
+            if effect.on in ("joint", "sensor") and effect.target not in model.joints:
+                raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(model.joints)}")
+            effect.install(model)
+        model.free_base()
+        self._body = self._load(model)
         indices = {}
         for index in range(bullet.getNumJoints(self._body, physicsClientId=self._client)):
             info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
-            indices[info[1].decode()] = (index, info[12].decode(), info[2])
+            indices[info[1].decode()] = (index, info[12].decode())
             # Bullet's default drag of 4% a second is no part of any robot here.
             bullet.changeDynamics(self._body, index, linearDamping=0, angularDamping=0, physicsClientId=self._client)
-        rotors = {name: indices.pop(_rotor(name))[0] for name in armature}
+            if not armature:
+                # Bullet lets no joint be faster than 100 rad/s. The robots with `armature` keep this bound: their published results are with it.
+                bullet.changeDynamics(self._body, index, maxJointVelocity=1e6, physicsClientId=self._client)
+        rotors = {name: indices.pop(rotor_of(name))[0] for name in model.rotors}
         #: Movable joints in the order of q and dq.
-        self.joints = tuple(name for name, (_, _, kind) in indices.items() if kind != bullet.JOINT_FIXED)
-        self._links = {link: index for index, link, _ in indices.values() if self._mass(index) > 0}
+        self.joints = model.joints
+        self._links = {link: index for index, link in indices.values() if self._mass(index) > 0}
         #: Links that have mass.
         self.links = tuple(self._links)
         self._q_index = [indices[name][0] for name in self.joints]
         self._state_index = self._q_index + list(rotors.values())
-        self._rotor_of = [self.joints.index(name) for name in rotors]
+        self._rotor_of = [(self.joints.index(name), ratio) for name, ratio in model.rotors.items()]
         bullet.setJointMotorControlArray(
             self._body, self._state_index, bullet.VELOCITY_CONTROL, forces=[0.0] * len(self._state_index), physicsClientId=self._client
         )
-        for name, rotor in rotors.items():
+        for (name, ratio), rotor in zip(model.rotors.items(), rotors.values(), strict=True):
             gear = bullet.createConstraint(
                 self._body, rotor, self._body, indices[name][0], bullet.JOINT_GEAR, [0, 1, 0], [0, 0, 0], [0, 0, 0], physicsClientId=self._client
             )
-            bullet.changeConstraint(gear, gearRatio=-ROTOR_RATIO, maxForce=1e6, physicsClientId=self._client)
+            bullet.changeConstraint(gear, gearRatio=-ratio, maxForce=1e6, physicsClientId=self._client)
         if friction is not None:
             plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
             ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
             bullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
-        bullet.setGravity(0, 0, gravity, physicsClientId=self._client)
-        self._actuators = [(effect, self._index_of(effect)) for effect in self.effects if effect.on == "joint"]
+        self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
+        bullet.setGravity(*self._gravity, physicsClientId=self._client)
+        self._forces = [(self._links[link], force) for link, force in model.forces]
+        actuators = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "joint"]
         #: A command that depends on the state (a spring, say) is worked out anew at every physics step; any other one is held.
-        self._held = all(effect.maps_command for effect, _ in self._actuators)
+        self._held = all(effect.maps_command or effect.steady for effect, _ in actuators) and not self._forces
         steps = substeps if self._held else 1
+        self._hidden = [Hidden(timestep) for _ in actuators]
+        zeros = [0.0] * len(self.joints)
+        rubs = [effect.friction(zeros, joint, zeros, zeros) is not None for effect, joint in actuators]
+        #: Dry friction that changes is worked out anew at every physics step; steady dry friction is set once.
+        self._rubbing = any(rubs) and not all(effect.steady for (effect, _), rub in zip(actuators, rubs, strict=True) if rub)
+        self._actuators = [(*actuator, hidden, rub and self._rubbing) for actuator, hidden, rub in zip(actuators, self._hidden, rubs, strict=True)]
+        self._sensors = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "sensor"]
+        self._readings: list[tuple[Array, Array]] = []
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=timestep * steps,
             numSubSteps=steps if steps > 1 else 0,
@@ -134,55 +155,35 @@ class World:
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
         )
-        for effect in self.effects:
-            effect.install(self)
+        if any(rubs) or 1.0 in model.rotors.values():
+            # By default the solver stops early, at errors of some hundredths of what friction and heavy rotors do to the motion.
+            bullet.setPhysicsEngineParameter(solverResidualThreshold=0, physicsClientId=self._client)
+        if any(rubs) and not self._rubbing:
+            for (effect, joint), rub in zip(actuators, rubs, strict=True):
+                # Bullet turns the force into an impulse by the whole control step, but spends that impulse in each physics step.
+                zeros[joint] += effect.friction(None, joint, None, None) / steps if rub else 0.0
+            self._rub(zeros)
         # restoreState forgets the contacts of the moment only if the snapshot has contacts of its own: take it where the robot is in the ground.
         bullet.performCollisionDetection(physicsClientId=self._client)
         self._snapshot: int = bullet.saveState(physicsClientId=self._client)
         self.q = np.zeros(len(self.joints))
         self.dq = np.zeros(len(self.joints))
         self.set_state(self.q, self.dq)
+        if any(effect.remembers for effect, _ in actuators):
+            for (_, joint), hidden in zip(actuators, self._hidden, strict=True):
+                hidden.inertia = float(1 / np.linalg.inv(self.mass_matrix(self.q))[joint, joint])
 
-    def _load(self, model: Path, armature: Mapping[str, float]) -> int:
-        try:
-            tree = ET.parse(model)
-        except (OSError, ET.ParseError) as error:
-            raise UserError(f"{model}: not a readable URDF file ({error}); give the path of a valid one") from error
-        root = tree.getroot()
-        for name, inertia in armature.items():
-            joint = root.find(f"joint[@name='{name}']")
-            if joint is None:
-                raise UserError(f"{model}: armature is given for joint {name}, which the model has not")
-            _add_rotor(root, joint, inertia / ROTOR_RATIO**2)
+    def _load(self, model: Model) -> int:
         with tempfile.NamedTemporaryFile("wb", suffix=".urdf") as file, _quiet():
-            tree.write(file)
+            file.write(model.text())
             file.flush()
             try:
                 return int(bullet.loadURDF(file.name, useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client))
             except bullet.error as error:
-                raise UserError(f"{model}: PyBullet cannot load this model ({error}); check links, joints and inertias") from error
-
-    def _index_of(self, effect: Effect) -> int:
-        if effect.target not in self.joints:
-            raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(self.joints)}")
-        return self.joints.index(effect.target)
+                raise UserError(f"{model.path}: PyBullet cannot load this model ({error}); check links, joints and inertias") from error
 
     def _mass(self, index: int) -> float:
         return float(bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)[0])
-
-    def scale_mass(self, link: str, factor: float) -> None:
-        """Multiply mass and rotational inertia of `link` by `factor` (for `Effect.install`).
-
-        Raises:
-            UserError: if no link with mass has that name.
-        """
-        if link not in self._links:
-            raise UserError(f"no link {link!r} with mass; the model has {', '.join(self.links)}")
-        index = self._links[link]
-        mass, _, inertia = bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)[:3]
-        bullet.changeDynamics(
-            self._body, index, mass=mass * factor, localInertiaDiagonal=[value * factor for value in inertia], physicsClientId=self._client
-        )
 
     def mass_of(self, link: str) -> float:
         """Mass of `link`, kg."""
@@ -202,9 +203,13 @@ class World:
         bullet.restoreState(self._snapshot, physicsClientId=self._client)
         # The gear acts on velocities alone and a rotor is round, so its angle may stay 0.
         positions = [[value] for value in q.tolist()] + [[0.0]] * len(self._rotor_of)
-        velocities = [[value] for value in dq.tolist()] + [[ROTOR_RATIO * dq[joint]] for joint in self._rotor_of]
+        velocities = [[value] for value in dq.tolist()] + [[ratio * dq[joint]] for joint, ratio in self._rotor_of]
         bullet.resetJointStatesMultiDof(self._body, self._state_index, positions, velocities, physicsClientId=self._client)
         self.q, self.dq = q, dq
+        for hidden in self._hidden:
+            hidden.state = None
+        if self._sensors:
+            self._readings = [(q, dq)]
 
     def step(self, command: Sequence[float]) -> None:
         """Advance one control step (`substeps` physics steps) under joint torques `command`, N m or N, held throughout; then read q and dq.
@@ -223,12 +228,106 @@ class World:
             for _ in range(self.substeps):
                 self._advance(self._delivered(command))
         self.q, self.dq = np.array(self.q), np.array(self.dq)
+        if self._sensors:
+            self._readings.append((self.q, self.dq))
+
+    def roll(self, commands: Array) -> tuple[Array, Array]:
+        """Take a control step under each of `commands`, shape (steps, joints).
+
+        Returns:
+            q and dq after each step, both of shape (steps, joints).
+        """
+        q, dq = np.empty(commands.shape), np.empty(commands.shape)
+        many = 1 if self._held else self.substeps
+        for row, command in enumerate(commands.tolist()):
+            for _ in range(many):
+                self._advance(self._delivered(command))
+            q[row], dq[row] = self.q, self.dq
+        self.q, self.dq = np.array(self.q), np.array(self.dq)
+        if self._sensors:
+            self._readings += zip(q.copy(), dq.copy(), strict=True)
+        return q, dq
+
+    def recall(self, commands: Array, q: Array, dq: Array) -> None:
+        """Let the effects' hidden states live through a recorded motion up to now; the robot does not move. To be called after `set_state`.
+
+        Args:
+            commands: of the physics steps (not control steps) before, shape (physics steps, joints).
+            q, dq: what was recorded at their beginnings, same shape.
+        """
+        for command, position, velocity in zip(commands.tolist(), q.tolist(), dq.tolist(), strict=True):
+            for effect, joint, hidden, _ in self._actuators:
+                effect.actuate(command, joint, position, velocity, hidden)
+
+    def read(self) -> tuple[Array, Array]:
+        """What the sensors tell of q and dq now: the truth, but for effects on sensors."""
+        if not self._sensors:
+            return self.q, self.dq
+        q, dq = (np.array(values) for values in zip(*self._readings, strict=True))
+        for effect, joint in self._sensors:
+            effect.sense(q, dq, joint, self.timestep * self.substeps)
+        return q[-1], dq[-1]
+
+    def mass_matrix(self, q: Sequence[float] | Array) -> Array:
+        """Generalized inertia at `q`, rotors included, kg m², shape (joints, joints)."""
+        matrix = np.array(bullet.calculateMassMatrix(self._body, self._dofs(q, 0.0), physicsClientId=self._client))
+        own = [self._dof_of[index] for index in self._q_index]
+        result = matrix[np.ix_(own, own)]
+        for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
+            dof = self._dof_of[rotor]
+            result[joint, :] += ratio * matrix[dof, own]
+            result[:, joint] += ratio * matrix[own, dof]
+            result[joint, joint] += ratio**2 * matrix[dof, dof]
+        return result
+
+    def inverse_dynamics(self, q: Sequence[float] | Array, dq: Sequence[float] | Array, ddq: Sequence[float] | Array) -> Array:
+        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) where effects on joints are absent."""
+        torque = bullet.calculateInverseDynamics(self._body, self._dofs(q, 0.0), self._dofs(dq), self._dofs(ddq), physicsClientId=self._client)
+        result = np.array([torque[self._dof_of[index]] for index in self._q_index])
+        for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
+            result[joint] += ratio * torque[self._dof_of[rotor]]
+        return result - self._pushed(q) if self._forces else result
+
+    def _dofs(self, values: Sequence[float] | Array, of_rotors: float = 1.0) -> list[float]:
+        """Joint values as PyBullet's dynamics functions take them: every movable joint, rotors too, by index."""
+        result = [0.0] * len(self._state_index)
+        for index, value in zip(self._q_index, values, strict=True):
+            result[self._dof_of[index]] = float(value)
+        if of_rotors:
+            for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
+                result[self._dof_of[rotor]] = ratio * float(values[joint])
+        return result
+
+    @functools.cached_property
+    def _dof_of(self) -> dict[int, int]:
+        return {index: dof for dof, index in enumerate(sorted(self._state_index))}
+
+    def _pushed(self, q: Sequence[float] | Array) -> Array:
+        """Joint torques of the constant forces at `q`."""
+        total = np.zeros(len(self.joints))
+        dofs, none = self._dofs(q, 0.0), [0.0] * len(self._state_index)
+        for link, force in self._forces:
+            linear, _ = bullet.calculateJacobian(self._body, link, [0.0, 0.0, 0.0], dofs, none, none, physicsClientId=self._client)
+            total += force @ np.array(linear)[:, [self._dof_of[index] for index in self._q_index]]
+        return total
 
     def _delivered(self, command: Sequence[float]) -> list[float]:
         torque = list(command)
-        for effect, joint in self._actuators:
-            effect.actuate(torque, joint, self.q, self.dq)
+        most = [0.0] * len(torque)
+        for effect, joint, hidden, rubs in self._actuators:
+            effect.actuate(torque, joint, self.q, self.dq, hidden)
+            if rubs:
+                most[joint] += float(effect.friction(torque, joint, self.q, self.dq))
+        if self._rubbing:
+            self._rub(most)
+        if self._forces:
+            torque = [own + pushed for own, pushed in zip(torque, self._pushed(self.q).tolist(), strict=True)]
         return torque
+
+    def _rub(self, most: list[float]) -> None:
+        """Let Bullet's solver hold each joint with at most these torques: dry friction that sticks."""
+        zeros = [0.0] * len(most)
+        bullet.setJointMotorControlArray(self._body, self._q_index, bullet.VELOCITY_CONTROL, targetVelocities=zeros, forces=most, physicsClientId=self._client)
 
     def _advance(self, torque: list[float]) -> None:
         bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=self._client)
@@ -245,21 +344,3 @@ class World:
 def _disconnect(client: int) -> None:
     with contextlib.suppress(bullet.error):
         bullet.disconnect(client)
-
-
-def _rotor(joint: str) -> str:
-    return f"{joint}:rotor"
-
-
-def _add_rotor(root: ET.Element, joint: ET.Element, inertia: float) -> None:
-    """Append a massless link of `inertia`, kg m², that turns about `joint`'s axis on `joint`'s parent."""
-    name = _rotor(joint.attrib["name"])
-    link = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")
-    ET.SubElement(link, "mass", value="0")
-    ET.SubElement(link, "inertia", ixx=str(inertia), iyy=str(inertia), izz=str(inertia), ixy="0", ixz="0", iyz="0")
-    turn = ET.SubElement(root, "joint", name=name, type="continuous")
-    for tag in ("parent", "origin", "axis"):
-        element = joint.find(tag)
-        if element is not None:
-            turn.append(copy.deepcopy(element))
-    ET.SubElement(turn, "child", link=name)

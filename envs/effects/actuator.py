@@ -2,12 +2,89 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mpge_bench.envs.effects.effect import Effect, Parameter
+from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+
+
+@dataclass(frozen=True)
+class PositionServo(Effect):
+    """A position controller: the command is a target angle u, the torque is ``kp (u - q) - kd dq``, renewed every `servo_period` seconds.
+
+    What a rig's joint in position mode is; a target angle must not pass through any other effect before.
+    """
+
+    kp: float
+    kd: float = 0.0
+    servo_period: float = 0.0
+
+    name = "position_servo"
+    on = "joint"
+    parameters = {"kp": Parameter("N m/rad", 0.0, 1e6), "kd": Parameter("N m s/rad", 0.0, 1e5), "servo_period": Parameter("s", 0.0, 1.0)}
+    needs_motor = True
+    place = 0
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        every = max(1, round(self.servo_period / hidden.timestep))
+        count, torque = hidden.state or (0, None)
+        if count % every == 0:
+            torque = self.kp * (command[joint] - q[joint]) - self.kd * dq[joint]
+        hidden.state = (count + 1, torque)
+        command[joint] = torque
+
+
+@dataclass(frozen=True)
+class Delay(Effect):
+    """The motor delivers the command of `seconds` ago; nothing before the first."""
+
+    seconds: float
+
+    name = "delay"
+    on = "joint"
+    parameters = {"seconds": Parameter("s", 0.0, 1.0)}
+    remembers = True
+    needs_motor = True
+    place = 10
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        steps = self.seconds / hidden.timestep
+        whole = int(steps)
+        if hidden.state is None:
+            hidden.state = deque([0.0 * command[joint]] * (whole + 2), maxlen=whole + 2)
+        past = hidden.state
+        past.append(command[joint] + 0.0)
+        # past[1] is `whole` physics steps old, past[0] one more.
+        command[joint] = past[1] + (steps - whole) * (past[0] - past[1])
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"seconds": seconds} for seconds in (0.004, 0.012, 0.03, 0.06)]
+
+
+@dataclass(frozen=True)
+class DeadZone(Effect):
+    """The motor delivers ``sign(command) * max(0, |command| - torque)``."""
+
+    torque: float
+
+    name = "dead_zone"
+    on = "joint"
+    parameters = {"torque": Parameter("N m", 0.0, 1e4)}
+    maps_command = True
+    needs_motor = True
+    place = 20
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] = command[joint] - np.minimum(np.maximum(command[joint], -self.torque), self.torque)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"torque": share * scale.torque} for share in (0.03, 0.2, 0.6)]
 
 
 @dataclass(frozen=True)
@@ -18,11 +95,17 @@ class TorqueGain(Effect):
 
     name = "torque_gain"
     on = "joint"
-    parameters = {"gain": Parameter("1", 0.0, 5.0)}
+    parameters = {"gain": Parameter("1", 0.0, 5.0, neutral=1.0)}
     maps_command = True
+    needs_motor = True
+    place = 30
 
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any) -> None:
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= self.gain
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"gain": 0.9}]
 
 
 @dataclass(frozen=True)
@@ -35,9 +118,38 @@ class TorqueBias(Effect):
     on = "joint"
     parameters = {"torque": Parameter("N m", -1e4, 1e4)}
     maps_command = True
+    needs_motor = True
+    place = 40
 
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any) -> None:
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.torque
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"torque": 0.1 * scale.torque}]
+
+
+@dataclass(frozen=True)
+class Lag(Effect):
+    """The motor follows the command as a first-order system of `time_constant`, from rest."""
+
+    time_constant: float
+
+    name = "lag"
+    on = "joint"
+    parameters = {"time_constant": Parameter("s", 0.0, 5.0)}
+    remembers = True
+    needs_motor = True
+    place = 50
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        reached = 0.0 if hidden.state is None else hidden.state
+        share = 1.0 if self.time_constant <= 0 else -math.expm1(-hidden.timestep / self.time_constant)
+        hidden.state = command[joint] = reached + share * (command[joint] - reached)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"time_constant": seconds} for seconds in (0.004, 0.015, 0.05, 0.12)]
 
 
 @dataclass(frozen=True)
@@ -48,8 +160,135 @@ class TorqueLimit(Effect):
 
     name = "torque_limit"
     on = "joint"
-    parameters = {"torque": Parameter("N m", 0.0, 1e4)}
+    parameters = {"torque": Parameter("N m", 0.0, 1e4, neutral=math.inf)}
     maps_command = True
+    needs_motor = True
+    place = 60
 
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any) -> None:
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] = np.minimum(np.maximum(command[joint], -self.torque), self.torque)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"torque": share * scale.limit} for share in (0.9, 0.7, 0.45, 0.25)]
+
+
+@dataclass(frozen=True)
+class BackEmfLimit(Effect):
+    """While the torque drives the motion it is at most ``stall * (1 - |dq| / no_load_speed)``, and not below 0; a braking torque is not limited."""
+
+    stall: float
+    no_load_speed: float
+
+    name = "back_emf_limit"
+    on = "joint"
+    parameters = {"stall": Parameter("N m", 0.0, 1e4, neutral=math.inf), "no_load_speed": Parameter("rad/s", 1e-3, 1e5, neutral=math.inf)}
+    needs_motor = True
+    place = 70
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        torque = command[joint]
+        most = np.maximum(0.0, self.stall * (1 - np.abs(dq[joint]) / self.no_load_speed))
+        command[joint] = np.where(torque * dq[joint] > 0, np.minimum(np.maximum(torque, -most), most), torque)[()]
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [
+            {"stall": torque * scale.limit, "no_load_speed": speed * scale.top_speed}
+            for torque, speed in ((1.2, 1.2), (0.8, 1.5), (0.5, 1.5), (0.5, 0.8), (1.0, 3.0))
+        ]
+
+
+class _MotorSide:
+    """A motor with an inertia of its own that turns the joint through a spring, with or without play.
+
+    The motor is integrated implicitly, the joint is not: a spring or damper too hard for the world's physics step is made as hard as that carries.
+    """
+
+    @staticmethod
+    def reduced(inertia: float, hidden: Hidden) -> float:
+        """Inertia, kg m², with which motor and joint swing against each other."""
+        return 1 / (1 / inertia + 1 / hidden.inertia)
+
+    @staticmethod
+    def transmit(command: Any, joint: int, q: Any, dq: Any, hidden: Hidden, *, inertia: float, stiffness: float, damping: float, play: float) -> None:
+        """Replace the torque on the motor by that on the joint, and move the motor one physics step."""
+        dt = hidden.timestep
+        reduced = _MotorSide.reduced(inertia, hidden)
+        stiffness, damping = min(stiffness, 0.25 * reduced / dt**2), min(damping, 0.8 * reduced / dt)
+        torque, angle, speed = command[joint], q[joint], dq[joint]
+        motor, motor_speed = (angle + 0.0, speed + 0.0) if hidden.state is None else hidden.state
+        twist, slip = motor - angle, motor_speed - speed
+        free = slip + dt * torque / inertia
+        # Which end of the play the motor would be beyond if nothing held it.
+        reached = twist + dt * free
+        side = np.where(reached > play, 1.0, np.where(reached < -play, -1.0, 0.0)) if play > 0 else 1.0
+        wound = twist - side * play
+        held = (inertia * slip / dt + torque - stiffness * wound) / (inertia / dt + stiffness * dt + damping)
+        passed = stiffness * (wound + dt * held) + damping * held
+        # The ends of a play push but do not pull.
+        touching = (side * passed > 0) if play > 0 else True
+        slip = np.where(touching, held, free)[()]
+        hidden.state = (motor + dt * (slip + speed), slip + speed)
+        command[joint] = np.where(touching, passed, 0.0)[()]
+
+
+@dataclass(frozen=True)
+class Backlash(Effect):
+    """The motor, of its own inertia, turns the joint through a play of `width` rad (from end to end) whose ends are hard and do not bounce."""
+
+    width: float
+    motor_inertia: float
+
+    name = "backlash"
+    on = "joint"
+    parameters = {"width": Parameter("rad", 0.0, 3.0), "motor_inertia": Parameter("kg m²", 1e-7, 1e3)}
+    remembers = True
+    needs_motor = True
+    place = 80
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        # As hard as the physics step carries: a critically damped contact of 0.4 rad a step.
+        rate = 0.4 / hidden.timestep
+        reduced = _MotorSide.reduced(self.motor_inertia, hidden)
+        stiffness, damping = reduced * rate**2, 2 * reduced * rate
+        _MotorSide.transmit(command, joint, q, dq, hidden, inertia=self.motor_inertia, stiffness=stiffness, damping=damping, play=max(self.width / 2, 1e-9))
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"width": width, "motor_inertia": share * scale.inertia} for width in (0.01, 0.04) for share in (0.03, 0.2)]
+
+
+@dataclass(frozen=True)
+class JointElasticity(Effect):
+    """The motor, of its own inertia (on the joint's side of the gear), turns the joint through a damped spring."""
+
+    stiffness: float
+    damping: float
+    motor_inertia: float
+
+    name = "joint_elasticity"
+    on = "joint"
+    parameters = {
+        "stiffness": Parameter("N m/rad", 1e-3, 1e7, neutral=math.inf),
+        "damping": Parameter("N m s/rad", 0.0, 1e4),
+        "motor_inertia": Parameter("kg m²", 1e-7, 1e3),
+    }
+    remembers = True
+    needs_motor = True
+    place = 80
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        _MotorSide.transmit(command, joint, q, dq, hidden, inertia=self.motor_inertia, stiffness=self.stiffness, damping=self.damping, play=0.0)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        found = []
+        for hertz in (4.0, 8.0, 16.0):
+            for share in (0.1, 0.4):
+                inertia = share * scale.inertia
+                rate = 2 * math.pi * hertz
+                # The two inertias swing against each other at `hertz`.
+                reduced = inertia * scale.inertia / (inertia + scale.inertia)
+                found.append({"stiffness": reduced * rate**2, "damping": 0.1 * reduced * rate, "motor_inertia": inertia})
+        return found

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from mpge_bench.envs.effects.effect import Effect, Parameter
+import numpy as np
+
+from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
 
 if TYPE_CHECKING:
-    from mpge_bench.envs.world import World
+    from mpge_bench.envs.model import Model
 
 
 @dataclass(frozen=True)
@@ -22,8 +24,79 @@ class MassScale(Effect):
 
     name = "mass_scale"
     on = "link"
-    parameters = {"factor": Parameter("1", 0.05, 50.0)}
+    parameters = {"factor": Parameter("1", 0.05, 50.0, neutral=1.0)}
 
-    def install(self, world: World) -> None:
-        for link in world.links if self.target == "*" else (self.target,):
-            world.scale_mass(link, self.factor)
+    def install(self, model: Model) -> None:
+        for link in model.links if self.target == "*" else (self.target,):
+            mass, centre, inertia = model.inertial(link)
+            model.set_inertial(link, mass * self.factor, centre, inertia * self.factor)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"factor": 1.1}]
+
+
+@dataclass(frozen=True)
+class InertiaScale(Effect):
+    """The link's rotational inertia about its centre of mass is `factor` times as large; its mass stays."""
+
+    factor: float
+
+    name = "inertia_scale"
+    on = "link"
+    parameters = {"factor": Parameter("1", 0.01, 100.0, neutral=1.0)}
+
+    def install(self, model: Model) -> None:
+        mass, centre, inertia = model.inertial(self.target)
+        model.set_inertial(self.target, mass, centre, inertia * self.factor)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"factor": 1.2}]
+
+
+@dataclass(frozen=True)
+class ComOffset(Effect):
+    """The link's centre of mass lies `x`, `y`, `z` metres off, along the axes of the link's frame; mass and inertia about it stay."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+    name = "com_offset"
+    on = "link"
+    parameters = {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
+
+    def install(self, model: Model) -> None:
+        mass, centre, inertia = model.inertial(self.target)
+        model.set_inertial(self.target, mass, centre + np.array((self.x, self.y, self.z)), inertia)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{axis: 0.05 * scale.length} for axis in "xyz"]
+
+
+@dataclass(frozen=True)
+class Payload(Effect):
+    """A point mass on the link, `distance` m from its joint along the line from the joint to the link's centre of mass."""
+
+    mass: float
+    distance: float
+
+    name = "payload"
+    on = "link"
+    parameters = {"mass": Parameter("kg", 0.0, 1e4), "distance": Parameter("m", -10.0, 10.0)}
+
+    def install(self, model: Model) -> None:
+        mass, centre, inertia = model.inertial(self.target)
+        length = float(np.linalg.norm(centre))
+        at = centre * (self.distance / length) if length > 0 else np.zeros(3)
+        total = mass + self.mass
+        joint = (mass * centre + self.mass * at) / total
+        for weight, offset in ((mass, centre - joint), (self.mass, at - joint)):
+            inertia = inertia + weight * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+        model.set_inertial(self.target, total, joint, inertia)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"mass": 0.1 * scale.mass, "distance": share * scale.length} for share in (0.5, 1.0, 1.8)]

@@ -4,23 +4,79 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+import numpy.typing as npt
+
 from mpge_bench.envs.errors import UserError
 
 if TYPE_CHECKING:
-    from mpge_bench.envs.world import World
+    from mpge_bench.envs.model import Model
+
 
 @dataclass(frozen=True)
 class Parameter:
-    """Unit and admissible closed range of one parameter of an effect."""
+    """Unit and admissible closed range of one parameter of an effect.
+
+    Attributes:
+        neutral: the value at which the effect vanishes (infinite where none in the range does).
+        size: how many numbers; None for any number of them.
+    """
 
     unit: str
     low: float
     high: float
+    neutral: float = 0.0
+    size: int | None = 1
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How large things are where an effect is looked for; a search starts from parameters of this size.
+
+    Attributes:
+        torque: of the command or, without one, of gravity and inertia, N m; root mean square.
+        limit: largest command, N m.
+        speed: root mean square, rad/s.
+        top_speed: largest, rad/s.
+        angle: standard deviation of the joint's position, rad.
+        inertia: mean of the joint's entry on the mass matrix's diagonal, kg m².
+        mass: of the joint's link, kg.
+        length: from the joint to the farthest centre of mass that it carries, m.
+        period: between rows, s.
+        gravity: nominal, m/s², shape (3,).
+    """
+
+    torque: float
+    limit: float
+    speed: float
+    top_speed: float
+    angle: float
+    inertia: float
+    mass: float
+    length: float
+    period: float
+    gravity: tuple[float, float, float]
+
+
+class Hidden:
+    """What an effect remembers between physics steps; empty at rest.
+
+    Attributes:
+        timestep: physics step, s.
+        inertia: about what the joint offers to a torque, kg m², where that is known: it limits what is stable at the physics step.
+    """
+
+    __slots__ = ("inertia", "state", "timestep")
+
+    def __init__(self, timestep: float, inertia: float = math.inf) -> None:
+        self.timestep = timestep
+        self.inertia = inertia
+        self.state: Any = None
 
 
 #: Every effect by its name in the catalogue, e.g. ``"torque_gain"``.
@@ -32,10 +88,10 @@ class Effect:
     """One departure of the target's physics from the source's.
 
     Attributes:
-        target: what it acts on: a joint, a link or ``"*"`` (all links), by its name in the robot's model.
+        target: what it acts on: a joint, a link, ``"*"`` (all links) or ``"world"``, by its name in the robot's model.
 
-    Subclasses set ``name``, ``on`` (the kind of target) and ``parameters`` and override the hooks they need. Joint torques and forces are in
-    N m and N; what is called torque below is a force on a prismatic joint.
+    Subclasses set ``name``, ``on`` (the kind of target: joint, link, world or sensor) and ``parameters`` and override the hooks they need. Joint torques and
+    forces are in N m and N; what is called torque below is a force on a prismatic joint, and what is called an angle is a length there.
 
     Raises:
         UserError: on construction, if a parameter is not finite or outside its bounds.
@@ -48,35 +104,73 @@ class Effect:
     parameters: ClassVar[dict[str, Parameter]]
     #: True where `actuate` is a pure function of the command: the effect then is an action transformation, known in closed form.
     maps_command: ClassVar[bool] = False
+    #: True where the effect is the same at every physics step of a control step, so that it need not be worked out anew.
+    steady: ClassVar[bool] = False
+    #: True where `actuate` has a hidden state: what it does depends on the commands before.
+    remembers: ClassVar[bool] = False
+    #: True where it needs a motor: it says nothing of a passive joint.
+    needs_motor: ClassVar[bool] = False
+    #: Place in the chain from the command (low) to the joint (high), for who lists effects without knowing their order.
+    place: ClassVar[int] = 50
 
     def __init_subclass__(cls) -> None:
-        CATALOGUE[cls.name] = cls
+        if "name" in cls.__dict__:
+            CATALOGUE[cls.name] = cls
 
     def __post_init__(self) -> None:
         for name, parameter in self.parameters.items():
             value = getattr(self, name)
-            if not (isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) and parameter.low <= float(value) <= parameter.high):
+            numbers = value if parameter.size != 1 and isinstance(value, Sequence) and not isinstance(value, str) else (value,)
+            if parameter.size not in (None, len(numbers)) or not all(_within(number, parameter) for number in numbers):
+                many = "" if parameter.size == 1 else f"{parameter.size or 'some'} numbers each in "
                 raise UserError(
                     f"effect {self.name} on {self.target}: {name} = {value} {parameter.unit} is outside"
-                    f" [{parameter.low:g}, {parameter.high:g}]; choose a value within the bounds"
+                    f" {many}[{parameter.low:g}, {parameter.high:g}]; choose a value within the bounds"
                 )
+            if parameter.size != 1:
+                object.__setattr__(self, name, tuple(float(number) for number in numbers))
 
-    def install(self, world: World) -> None:
-        """Change the model of `world` once, when it is made."""
+    def install(self, model: Model) -> None:
+        """Change `model` once, before it is loaded."""
 
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any) -> None:
-        """Turn the command into what the joint receives, in place.
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        """Turn the command into what the joint receives, in place, once a physics step.
 
         Args:
-            command: joint torques, first axis the joints; N m or N. One command (a list) or, where `maps_command`, many (shape (joints, n)).
+            command: joint torques, first axis the joints; N m or N. One command (a list) or many (shape (joints, n)).
             joint: the target's index.
-            q: generalized coordinates, one a joint, m or rad.
+            q: generalized coordinates, one a joint, m or rad; shaped as `command`.
             dq: generalized velocities, one a joint, m/s or rad/s.
+            hidden: what the effect remembers; its own, and kept from physics step to physics step.
         """
+
+    def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
+        """Largest torque, N m, with which dry friction opposes the motion of the joint now; None if the effect is no dry friction."""
+        return None
+
+    def sense(self, q: npt.NDArray[np.float64], dq: npt.NDArray[np.float64], joint: int, timestep: float) -> None:
+        """Turn a motion into what the sensors read of it, in place.
+
+        Args:
+            q: generalized coordinates at equal intervals, shape (..., time, joints).
+            dq: velocities, same shape.
+            joint: the target's index.
+            timestep: interval, s. Before the first row the motion is taken to have gone on at the first row's velocity.
+        """
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        """Parameter values from which a search for this effect starts, where things are as large as `scale` says; none if it is not searched for."""
+        return []
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data (for YAML and JSON) that `effect_from_dict` turns back into an equal effect."""
-        return {"effect": self.name, **dataclasses.asdict(self)}
+        data = {name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()}
+        return {"effect": self.name, **data}
+
+
+def _within(value: Any, parameter: Parameter) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) and parameter.low <= float(value) <= parameter.high
 
 
 def effect_from_dict(data: Mapping[str, Any]) -> Effect:

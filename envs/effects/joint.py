@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mpge_bench.envs.effects.effect import Effect, Parameter
+import numpy as np
+
+from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+from mpge_bench.envs.errors import UserError
+
+if TYPE_CHECKING:
+    from mpge_bench.envs.model import Model
 
 
 @dataclass(frozen=True)
@@ -18,6 +24,158 @@ class JointSpring(Effect):
     name = "joint_spring"
     on = "joint"
     parameters = {"stiffness": Parameter("N m/rad", 0.0, 1e5), "rest": Parameter("rad", -100.0, 100.0)}
+    place = 90
 
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any) -> None:
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.stiffness * (self.rest - q[joint])
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        stiffness = 0.1 * scale.torque / scale.angle
+        return [{"stiffness": stiffness, "rest": rest} for rest in (0.0, scale.angle, -scale.angle)]
+
+
+@dataclass(frozen=True)
+class ViscousFriction(Effect):
+    """A torque ``damping * dq`` opposes the motion."""
+
+    damping: float
+
+    name = "viscous_friction"
+    on = "joint"
+    parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4)}
+    place = 90
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] -= self.damping * dq[joint]
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"damping": 0.1 * scale.torque / scale.speed}]
+
+
+@dataclass(frozen=True)
+class AirDrag(Effect):
+    """A torque ``quadratic * |dq| dq`` opposes the motion."""
+
+    quadratic: float
+
+    name = "air_drag"
+    on = "joint"
+    parameters = {"quadratic": Parameter("N m s²/rad²", 0.0, 1e4)}
+    place = 90
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] -= self.quadratic * abs(dq[joint]) * dq[joint]
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"quadratic": 0.1 * scale.torque / scale.speed**2}]
+
+
+@dataclass(frozen=True)
+class CoulombFriction(Effect):
+    """Dry friction: up to `torque` opposes the motion, and holds the joint where the rest does not exceed it."""
+
+    torque: float
+
+    name = "coulomb_friction"
+    on = "joint"
+    parameters = {"torque": Parameter("N m", 0.0, 1e4)}
+    steady = True
+    place = 90
+
+    def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
+        return self.torque
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"torque": 0.1 * scale.torque}]
+
+
+@dataclass(frozen=True)
+class StribeckFriction(Effect):
+    """Dry friction that falls with speed: ``coulomb + (static - coulomb) exp(-(dq / velocity)²)``."""
+
+    coulomb: float
+    static: float
+    velocity: float
+
+    name = "stribeck_friction"
+    on = "joint"
+    parameters = {"coulomb": Parameter("N m", 0.0, 1e4), "static": Parameter("N m", 0.0, 1e4), "velocity": Parameter("rad/s", 1e-4, 1e4)}
+    place = 90
+
+    def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
+        return self.coulomb + (self.static - self.coulomb) * np.exp(-((dq[joint] / self.velocity) ** 2))
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"coulomb": 0.1 * scale.torque, "static": 0.2 * scale.torque, "velocity": share * scale.speed} for share in (0.1, 0.3, 0.8)]
+
+
+@dataclass(frozen=True)
+class LoadFriction(Effect):
+    """Dry friction of a loaded gear: up to ``coefficient * |torque of the motor|`` opposes the motion."""
+
+    coefficient: float
+
+    name = "load_friction"
+    on = "joint"
+    parameters = {"coefficient": Parameter("1", 0.0, 2.0)}
+    needs_motor = True
+    place = 85
+
+    def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
+        return self.coefficient * abs(command[joint])
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"coefficient": 0.1}]
+
+
+@dataclass(frozen=True)
+class Armature(Effect):
+    """The motor's rotor, felt through its gear: `inertia`, on the joint's side, is added to the joint's own entry of the mass matrix and to no other."""
+
+    inertia: float
+
+    name = "armature"
+    on = "joint"
+    parameters = {"inertia": Parameter("kg m²", 0.0, 1e4)}
+    maps_command = False
+    steady = True
+    place = 95
+
+    def install(self, model: Model) -> None:
+        model.add_rotor(self.target, self.inertia)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"inertia": 0.1 * scale.inertia}]
+
+
+@dataclass(frozen=True)
+class UnknownTorque(Effect):
+    """A torque nobody has a name for: a curve over the joint's position (q), velocity (dq) or motor torque (command), straight between the points and flat
+    beyond them. What the diagnosis exports of a mismatch it cannot name."""
+
+    signal: str
+    at: tuple[float, ...]
+    torque: tuple[float, ...]
+
+    name = "unknown"
+    on = "joint"
+    parameters = {"at": Parameter("rad, rad/s or N m", -1e6, 1e6, size=None), "torque": Parameter("N m", -1e6, 1e6, size=None)}
+    place = 96
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.signal not in ("q", "dq", "command"):
+            raise UserError(f"effect unknown on {self.target}: signal is {self.signal!r}; choose q, dq or command")
+        if len(self.at) != len(self.torque) or not len(self.at) or any(b <= a for a, b in zip(self.at, self.at[1:], strict=False)):
+            raise UserError(f"effect unknown on {self.target}: `at` and `torque` must be equally long and `at` must rise")
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        signal = {"q": q, "dq": dq, "command": command}[self.signal][joint]
+        command[joint] = command[joint] + np.interp(signal, self.at, self.torque)

@@ -1,0 +1,48 @@
+"""Effects of the surroundings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
+
+if TYPE_CHECKING:
+    from mpge_bench.envs.model import Model
+
+
+@dataclass(frozen=True)
+class Gravity(Effect):
+    """Gravity is `vector`, m/s², in the frame of the base: another strength, or a base that is tilted."""
+
+    vector: tuple[float, float, float]
+
+    name = "gravity"
+    on = "world"
+    parameters = {"vector": Parameter("m/s²", -100.0, 100.0, size=3)}
+
+    def install(self, model: Model) -> None:
+        model.gravity = self.vector
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"vector": tuple(value + 0.3 * (axis == other) for other, value in enumerate(scale.gravity))} for axis in range(3)]
+
+
+@dataclass(frozen=True)
+class ExternalForce(Effect):
+    """A constant force `vector`, N, in the frame of the base, acts on the link's centre of mass."""
+
+    vector: tuple[float, float, float]
+
+    name = "external_force"
+    on = "link"
+    parameters = {"vector": Parameter("N", -1e4, 1e4, size=3)}
+
+    def install(self, model: Model) -> None:
+        model.push(self.target, self.vector)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        force = 0.05 * scale.torque / scale.length
+        return [{"vector": tuple(force * (axis == other) for other in range(3))} for axis in range(3)]

@@ -1,0 +1,320 @@
+"""A robot's links and joints as its URDF or MJCF file says, which effects may change before PyBullet loads them."""
+
+from __future__ import annotations
+
+import copy
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.mjcf import read_mjcf
+
+Array = npt.NDArray[np.float64]
+
+#: Gear ratio of the rotors that stand for a robot's armature. The rotor's own spin adds a cross term armature / ratio to the mass matrix;
+#: at 10 that is below a tenth of the armature and the iterative solver still converges fast.
+ROTOR_RATIO = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint of a model: its place in the parent's frame (m, rotation matrix) and its axis in its own."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    turn: Array
+    axis: Array
+
+
+class Model:
+    """The URDF or MJCF file at `path`, as URDF, with gravity and constant forces beside it.
+
+    Attributes:
+        armature: inertia, kg m², that an MJCF file adds to joints' own.
+        springs: stiffness, N m/rad, and rest position, rad, of the joints' springs in an MJCF file.
+        gravity: m/s², in the base's frame; None leaves it to the world.
+        forces: constant forces (link, N in the base's frame) on links' centres of mass.
+        rotors: the joints that have a rotor, and its gear ratio.
+
+    Raises:
+        UserError: if the file is no readable URDF or MJCF, or says something that PyBullet would take otherwise.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._root = ET.parse(path).getroot()
+        except (OSError, ET.ParseError, UnicodeDecodeError, ValueError) as error:
+            raise UserError(f"{path}: not a readable URDF or MJCF file ({error}); give the path of a valid one") from error
+        self.armature: dict[str, float] = {}
+        self.springs: dict[str, tuple[float, float]] = {}
+        if self._root.tag == "mujoco":
+            mechanism = read_mjcf(path)
+            self._root, self.armature, self.springs = ET.fromstring(mechanism.urdf), mechanism.armature, mechanism.springs
+        if self._root.tag != "robot":
+            raise UserError(f"{path}: not a URDF or MJCF file (its outermost element is <{self._root.tag}>, not <robot> or <mujoco>)")
+        self._check()
+        for link in self._root.findall("link"):
+            if link.find("inertial") is None:  # PyBullet would make it 1 kg and 1 kg m².
+                _add_massless(link)
+        for mesh in self._root.iter("mesh"):
+            name = mesh.get("filename", "")
+            if name and "://" not in name and not Path(name).is_absolute():
+                mesh.set("filename", str((path.parent / name).resolve()))
+        self.gravity: tuple[float, float, float] | None = None
+        self.forces: list[tuple[str, Array]] = []
+        self.rotors: dict[str, float] = {}
+
+    def copy(self) -> Model:
+        """A model of its own that can be changed without changing this one."""
+        other = copy.copy(self)
+        other._root, other.forces, other.rotors = copy.deepcopy(self._root), list(self.forces), dict(self.rotors)
+        other.armature, other.springs = dict(self.armature), dict(self.springs)
+        return other
+
+    def text(self) -> bytes:
+        """The model as a URDF file."""
+        return ET.tostring(self._root)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Movable joints, rotors left out, in the order of the file."""
+        return tuple(
+            joint.attrib["name"] for joint in self._root.findall("joint") if joint.get("type") != "fixed" and not joint.attrib["name"].endswith(":rotor")
+        )
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Links that have mass, in the order of the file."""
+        return tuple(link.attrib["name"] for link in self._root.findall("link") if self._number(link, "inertial/mass", "value") > 0)
+
+    def is_prismatic(self, joint: str) -> bool:
+        """Whether `joint` slides (its position is in metres)."""
+        return self._root.find(f"joint[@name='{joint}']").get("type") == "prismatic"  # type: ignore[union-attr]
+
+    def tree(self) -> list[Joint]:
+        """All joints, fixed ones too and rotors left out, each after the one that carries it."""
+        waiting = [
+            Joint(
+                joint.attrib["name"],
+                joint.get("type", "fixed"),
+                joint.find("parent").attrib["link"],  # type: ignore[union-attr]
+                joint.find("child").attrib["link"],  # type: ignore[union-attr]
+                _vector(joint.find("origin"), "xyz", "0 0 0"),
+                _rotation(_vector(joint.find("origin"), "rpy", "0 0 0")),
+                _vector(joint.find("axis"), "xyz", "1 0 0"),
+            )
+            for joint in self._root.findall("joint")
+            if not joint.attrib["name"].endswith(":rotor")
+        ]
+        placed, found = {self._base()}, []
+        while waiting:
+            ready = [joint for joint in waiting if joint.parent in placed]
+            if not ready:
+                raise UserError(f"{self.path}: joint {waiting[0].name} hangs on link {waiting[0].parent!r}, which nothing carries")
+            found += ready
+            placed |= {joint.child for joint in ready}
+            waiting = [joint for joint in waiting if joint not in ready]
+        return found
+
+    def moving_links(self) -> tuple[str, ...]:
+        """Links with mass that some movable joint carries."""
+        return tuple(link for link in self.links if self.carriers(link))
+
+    def carriers(self, link: str) -> tuple[str, ...]:
+        """Movable joints between the base and `link`, outermost first."""
+        parents = {joint.find("child").attrib["link"]: joint for joint in self._root.findall("joint")}  # type: ignore[union-attr]
+        found = []
+        while link in parents:
+            joint = parents[link]
+            if joint.get("type") != "fixed":
+                found.append(joint.attrib["name"])
+            link = joint.find("parent").attrib["link"]  # type: ignore[union-attr]
+        return tuple(found)
+
+    def inertial(self, link: str) -> tuple[float, Array, Array]:
+        """Mass, kg, centre of mass, m, shape (3,), and rotational inertia about it, kg m², shape (3, 3), along the axes of the link's frame.
+
+        Raises:
+            UserError: if no link with mass has that name.
+        """
+        inertial = self._inertial(link)
+        inertia = inertial.find("inertia")
+        values = {key: 0.0 if inertia is None else float(inertia.get(key, "0")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+        own = np.array(
+            [
+                [values["ixx"], values["ixy"], values["ixz"]],
+                [values["ixy"], values["iyy"], values["iyz"]],
+                [values["ixz"], values["iyz"], values["izz"]],
+            ]
+        )
+        origin = inertial.find("origin")
+        centre, turn = _vector(origin, "xyz", "0 0 0"), _rotation(_vector(origin, "rpy", "0 0 0"))
+        return self._number(inertial, "mass", "value"), centre, turn @ own @ turn.T
+
+    def set_inertial(self, link: str, mass: float, centre: Array, inertia: Array) -> None:
+        """Give `link` another mass, centre of mass and rotational inertia about it (as `inertial` returns them).
+
+        Raises:
+            UserError: if no link with mass has that name.
+        """
+        inertial = self._inertial(link)
+        inertial.clear()
+        ET.SubElement(inertial, "origin", xyz=" ".join(repr(float(value)) for value in centre))
+        ET.SubElement(inertial, "mass", value=repr(float(mass)))
+        keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+        ET.SubElement(inertial, "inertia", {key: repr(float(inertia[at])) for key, at in keys.items()})
+
+    def push(self, link: str, force: Sequence[float]) -> None:
+        """Add a constant force, N, in the base's frame, on the centre of mass of `link`.
+
+        Raises:
+            UserError: if no link with mass has that name.
+        """
+        self._inertial(link)
+        self.forces.append((link, np.array(force, float)))
+
+    def add_rotor(self, joint: str, inertia: float, *, carried: bool = False) -> None:
+        """Gear a massless rotor to `joint` that adds `inertia`, kg m², to the joint's own.
+
+        Args:
+            carried: the rotor sits on the joint's parent, spins `ROTOR_RATIO` times as fast and so adds inertia / ratio to the coupling with the parent's
+                motion, as a real one does; if not, it spins with the joint on the base and changes no other entry of the mass matrix.
+
+        Raises:
+            UserError: if there is no such joint, or `inertia` is negative or not finite.
+        """
+        element = self._root.find(f"joint[@name='{joint}']")
+        if element is None:
+            raise UserError(f"{self.path}: armature is given for joint {joint}, which the model has not; it has {', '.join(self.joints)}")
+        if not 0 <= inertia < math.inf:
+            raise UserError(f"armature of joint {joint} is {inertia} kg m²; it must be finite and not negative")
+        ratio = ROTOR_RATIO if carried else 1.0
+        own = inertia / ratio**2
+        name = rotor_of(joint)
+        present = self._root.find(f"link[@name='{name}']/inertial/inertia")
+        if present is not None:
+            for key in ("ixx", "iyy", "izz"):
+                present.set(key, str(float(present.attrib[key]) + inertia / self.rotors[joint] ** 2))
+            return
+        base = self._base()
+        link = ET.SubElement(ET.SubElement(self._root, "link", name=name), "inertial")
+        ET.SubElement(link, "mass", value="0")
+        ET.SubElement(link, "inertia", ixx=str(own), iyy=str(own), izz=str(own), ixy="0", ixz="0", iyz="0")
+        turn = ET.SubElement(self._root, "joint", name=name, type="continuous")
+        if carried:
+            for tag in ("parent", "origin", "axis"):
+                part = element.find(tag)
+                if part is not None:
+                    turn.append(copy.deepcopy(part))
+        else:
+            ET.SubElement(turn, "parent", link=base)
+            ET.SubElement(turn, "axis", xyz="0 0 1")
+        ET.SubElement(turn, "child", link=name)
+        self.rotors[joint] = ratio
+
+    def free_base(self) -> None:
+        """Take the base's mass away. A fixed base needs none, and PyBullet's dynamics functions would take gravity along its principal axes."""
+        base = self._root.find(f"link[@name='{self._base()}']")
+        assert base is not None
+        for inertial in base.findall("inertial"):
+            base.remove(inertial)
+        _add_massless(base)
+
+    def strip_geometry(self) -> None:
+        """Drop what is only seen or touched, for mechanisms that touch nothing."""
+        for link in self._root.findall("link"):
+            for tag in ("visual", "collision"):
+                for part in link.findall(tag):
+                    link.remove(part)
+
+    def frictions(self) -> dict[str, float]:
+        """Dry friction, N m, of each joint that has some."""
+        found = {joint.attrib["name"]: self._number(joint, "dynamics", "friction") for joint in self._root.findall("joint")}
+        return {name: torque for name, torque in found.items() if torque}
+
+    def take_losses(self) -> dict[str, tuple[float, float]]:
+        """Damping, N m s/rad, and dry friction, N m, that the file gives to each joint, which the model then no longer has."""
+        found = {}
+        for joint in self._root.findall("joint"):
+            dynamics = joint.find("dynamics")
+            if dynamics is not None:
+                found[joint.attrib["name"]] = (float(dynamics.get("damping", "0")), float(dynamics.get("friction", "0")))
+                joint.remove(dynamics)
+        return found
+
+    def _check(self) -> None:
+        """Refuse what would make the methods here, or PyBullet, fail without a word on why."""
+        links = [link.get("name") for link in self._root.findall("link")]
+        children = []
+        for joint in self._root.findall("joint"):
+            name, kind = joint.get("name"), joint.get("type")
+            ends = [end.get("link") for end in (joint.find("parent"), joint.find("child")) if end is not None]
+            if name is None or len(ends) < 2 or not set(ends) <= set(links):
+                raise UserError(f"{self.path}: joint {name!r} needs a name, and a parent and a child among the links")
+            if kind not in ("revolute", "continuous", "prismatic", "fixed"):
+                raise UserError(f"{self.path}: joint {name!r} is of type {kind}; only revolute, continuous, prismatic and fixed joints can be used")
+            children.append(ends[1])
+        if len(set(links)) != len(links) or len(set(children)) != len(children) or len(set(links) - set(children)) != 1:
+            raise UserError(f"{self.path}: links must have different names and hang, each by one joint, on one base link")
+        try:
+            self.tree()
+            for link in self.links:
+                self.inertial(link)
+        except ValueError as error:
+            raise UserError(f"{self.path}: not a readable URDF file ({error}); correct this number") from error
+        moving = {joint for link in self.links for joint in self.carriers(link)}
+        for name in self.joints:
+            if name not in moving:
+                raise UserError(f"{self.path}: joint {name!r} carries no mass; give the link it moves an inertial, or make the joint fixed")
+
+    def _base(self) -> str:
+        children = {joint.find("child").attrib["link"] for joint in self._root.findall("joint")}  # type: ignore[union-attr]
+        return next(link.attrib["name"] for link in self._root.findall("link") if link.attrib["name"] not in children)
+
+    def _inertial(self, link: str) -> ET.Element:
+        if link not in self.links:
+            raise UserError(f"no link {link!r} with mass; the model has {', '.join(self.links)}")
+        found = self._root.find(f"link[@name='{link}']/inertial")
+        assert found is not None
+        return found
+
+    @staticmethod
+    def _number(element: ET.Element, path: str, key: str) -> float:
+        found = element.find(path)
+        return 0.0 if found is None else float(found.get(key, "0"))
+
+
+def _add_massless(link: ET.Element) -> None:
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "mass", value="0")
+    ET.SubElement(inertial, "inertia", ixx="0", ixy="0", ixz="0", iyy="0", iyz="0", izz="0")
+
+
+def rotor_of(joint: str) -> str:
+    """Name of the joint and link of the rotor that is geared to `joint`."""
+    return f"{joint}:rotor"
+
+
+def _vector(element: ET.Element | None, key: str, default: str) -> Array:
+    return np.array([float(value) for value in (default if element is None else element.get(key, default)).split()])
+
+
+def _rotation(rpy: Array) -> Array:
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

@@ -1,0 +1,176 @@
+"""The recordings as windows of a few tenths of a second, each with a smooth reference motion beside what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import savgol_filter
+
+from mpge_bench.diagnosis.recording import Recording
+from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.envs.effects import Scale
+
+Array = npt.NDArray[np.float64]
+
+#: Rows are thinned out to this interval, s, at least: more rows of a slow mechanism cost time and tell nothing new.
+ROW_PERIOD = 0.005
+#: Length of what hidden states are warmed up on before a window, s.
+WARM_UP = 0.4
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Recordings side by side, thinned out, cut to a common shape.
+
+    Axes: recording r, row k, physics step within a row m, joint j. Recordings shorter than the longest are filled up with their last row.
+
+    Attributes:
+        time: shape (r, k), s.
+        rows: number of true rows of each recording.
+        u: command of each physics step of each row's interval, shape (r, k, m, j).
+        measured: q and dq, shape (r, k, 2 j); NaN where not measured.
+        state: reference q and dq, same shape.
+        step: physics step that divides the rows' interval into m, s.
+        sigma: noise of each channel, shape (2 j,).
+        spread: standard deviation of the reference's dq, shape (j,).
+        held_out: shape (r,), whether the recording is kept from fitting.
+    """
+
+    recordings: Sequence[Recording]
+    time: Array
+    rows: npt.NDArray[np.int64]
+    u: Array
+    measured: Array
+    state: Array
+    step: float
+    sigma: Array
+    spread: Array
+
+    @property
+    def joints(self) -> int:
+        return self.u.shape[-1]
+
+    def fine(self) -> tuple[Array, Array]:
+        """Reference q and dq at the physics steps, shape (r, k, m, j): the cubic through both ends of each interval."""
+        following = np.concatenate((self.state[:, 1:], self.state[:, -1:]), 1)
+        return between(self.state, following, self.intervals(), self.u.shape[2])
+
+    def intervals(self) -> Array:
+        """Time to the next row, s, shape (r, k); 0 at the last."""
+        return np.concatenate((np.diff(self.time, axis=1), np.zeros((len(self.time), 1))), 1)
+
+    def with_state(self, state: Array, spread: Array) -> Motion:
+        return replace(self, state=state, spread=spread)
+
+
+def between(state: Array, following: Array, interval: Array, count: int) -> tuple[Array, Array]:
+    """q and dq at `count` equal steps from `state` to `following`, shape (..., count, joints): the cubic that has both ends' positions and velocities.
+
+    Args:
+        state, following: q and dq, shape (..., 2 joints).
+        interval: between them, s, shape (...); where it is 0 the state stays.
+    """
+    n = state.shape[-1] // 2
+    h = interval[..., None, None]
+    moves = h > 0
+    q, dq = state[..., None, :n], state[..., None, n:]
+    a = dq * h
+    shift = np.where(moves, following[..., None, :n] - q, 0.0)
+    b = np.where(moves, following[..., None, n:] * h, a)
+    x = (np.arange(count) / count)[:, None]
+    bend, curl = 3 * shift - 2 * a - b, a + b - 2 * shift
+    speed = np.where(moves, (a + x * (2 * bend + 3 * x * curl)) / np.where(moves, h, 1.0), dq)
+    return q + x * (a + x * (bend + x * curl)), speed
+
+
+def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
+    """The recordings with a first, model-free reference motion and an estimate of the sensors' noise."""
+    period = float(np.median(np.concatenate([np.diff(recording.time) for recording in recordings])))
+    stride = max(1, round(ROW_PERIOD / period))
+    count = max(1, round(stride * period / rig.timestep))
+    kept = [np.arange(0, len(recording.time), stride) for recording in recordings]
+    rows = np.array([len(index) for index in kept])
+    longest = int(rows.max())
+
+    def fill(values: Array) -> Array:
+        return np.concatenate((values, np.repeat(values[-1:], longest - len(values), 0)))
+
+    time, u, measured, state = [], [], [], []
+    for recording, index in zip(recordings, kept, strict=True):
+        at = recording.time[index]
+        ends = np.append(at[1:], at[-1] + stride * period)
+        middle = at[:, None] + (ends - at)[:, None] * (np.arange(count) + 0.5) / count
+        row = np.clip(np.searchsorted(recording.time, middle.ravel(), side="right") - 1, 0, len(recording.time) - 1)
+        u.append(fill(recording.u[row].reshape(len(at), count, -1)))
+        q, dq, _ = differentiate(recording)
+        state.append(fill(np.concatenate((q, dq), 1)[index]))
+        measured.append(fill(np.concatenate((recording.q, recording.dq), 1)[index]))
+        time.append(fill(at))
+    motion = Motion(
+        recordings,
+        np.array(time),
+        rows,
+        np.array(u),
+        np.array(measured),
+        np.array(state),
+        stride * period / count,
+        np.ones(2 * len(rig.joints)),
+        np.zeros(len(rig.joints)),
+    )
+    return motion
+
+
+def differentiate(recording: Recording) -> tuple[Array, Array, Array]:
+    """Smoothed q, dq and ddq of a recording, shape (rows, joints), from local cubics over about 70 ms (velocities are used where measured)."""
+    period = float(np.median(np.diff(recording.time)))
+    even = np.arange(recording.time[0], recording.time[-1] + period / 2, period)
+    window = int(min(max(5, 2 * round(0.035 / period) + 1), 2 * ((len(even) - 1) // 2) - 1))
+    found = []
+    for joint in range(recording.q.shape[1]):
+        position = np.interp(even, recording.time, recording.q[:, joint])
+        q, dq = (savgol_filter(position, window, 3, deriv=order, delta=period) for order in (0, 1))
+        if np.isfinite(recording.dq[:, joint]).all():
+            speed = np.interp(even, recording.time, recording.dq[:, joint])
+            dq, ddq = (savgol_filter(speed, min(window, 5), 2, deriv=order, delta=period) for order in (0, 1))
+        else:
+            ddq = savgol_filter(position, window, 3, deriv=2, delta=period)
+        found.append([np.interp(recording.time, even, values) for values in (q, dq, ddq)])
+    q, dq, ddq = np.moveaxis(np.array(found), 0, -1)
+    return q, dq, ddq
+
+
+def scales(motion: Motion, rig: Rig, inertia: Array, torque: Array) -> dict[str, Scale]:
+    """How large things are at each joint.
+
+    Args:
+        inertia: mean diagonal of the mass matrix, shape (joints,).
+        torque: root mean square of the torques the motion asks for, shape (joints,).
+    """
+    n = motion.joints
+    valid = np.arange(motion.time.shape[1]) < motion.rows[:, None]
+    q, dq = motion.state[valid][:, :n], motion.state[valid][:, n:]
+    u = motion.u[valid]
+    found = {}
+    for column, joint in enumerate(rig.joints):
+        command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
+        links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
+        mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
+        length = max(float(np.linalg.norm(centre)), 0.02)
+        # A root mean square over a still joint would be 0 and its curves would have no width.
+        size = max(float(np.sqrt(np.mean(command**2))), float(torque[column]), 1e-6)
+        found[joint] = Scale(
+            torque=size,
+            limit=max(float(np.abs(command).max()), float(torque[column]), 1e-6),
+            speed=max(float(np.sqrt(np.mean(dq[:, column] ** 2))), 1e-3),
+            top_speed=max(float(np.abs(dq[:, column]).max()), 1e-3),
+            angle=max(float(np.std(q[:, column])), 1e-3),
+            inertia=float(inertia[column]),
+            mass=mass,
+            length=length,
+            period=float(np.median(np.diff(motion.time[0, : motion.rows[0]]))),
+            gravity=rig.gravity,
+        )
+    return found

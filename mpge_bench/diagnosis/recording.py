@@ -1,0 +1,173 @@
+"""A recording: what the real system did, row by row, checked before anything is concluded from it."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.envs.errors import UserError
+
+Array = npt.NDArray[np.float64]
+
+#: Least length of a recording, s, and least number of rows.
+SHORTEST = 0.3
+FEWEST_ROWS = 30
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Commands and motion of all joints of a rig; columns in the order of the rig's joints.
+
+    Attributes:
+        path: the file.
+        time: s, shape (rows,), rising.
+        u: commands, N m, N or (position mode) rad, shape (rows, joints); row i acts until row i + 1.
+        q: recorded positions, rad or m, same shape.
+        dq: recorded velocities, same shape; NaN in the columns of joints without.
+    """
+
+    path: Path
+    time: Array
+    u: Array
+    q: Array
+    dq: Array
+
+    @property
+    def duration(self) -> float:
+        return float(self.time[-1] - self.time[0])
+
+    def rows(self, chosen: slice) -> Recording:
+        """Part of the recording."""
+        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen])
+
+
+def find_recordings(patterns: Iterable[str]) -> list[Path]:
+    """Files that match the glob patterns, each pattern's sorted by name.
+
+    Raises:
+        UserError: if a pattern matches nothing.
+    """
+    found: list[Path] = []
+    for pattern in patterns:
+        matches = sorted(glob.glob(pattern))
+        if not matches:
+            raise UserError(f"{pattern}: no such recording; give a CSV or Parquet file, or a pattern in quotes such as 'train_*.csv'")
+        found.extend(Path(match) for match in matches if Path(match) not in found)
+    return found
+
+
+def read_recording(path: Path, rig: Rig) -> Recording:
+    """The recording in a CSV or Parquet file.
+
+    Raises:
+        UserError: naming file, column and row (counted from 1, without the header), if a column is missing or of an unknown joint, a value is no finite
+            number, time does not rise, or the recording is too short.
+    """
+    table = _table(path)
+    joints = rig.joints
+    for prefix in ("u", "q", "dq"):
+        for column in table.columns:
+            if str(column).startswith(f"{prefix}_") and str(column)[len(prefix) + 1 :] not in joints:
+                raise UserError(f"{path}: column {column} is of a joint that the rig has not; it has {', '.join(joints)}")
+    needed = ["time", *(f"u_{joint}" for joint in rig.driven), *(f"q_{joint}" for joint in joints)]
+    for column in needed:
+        if column not in table.columns:
+            raise UserError(f"{path}: no column {column}; a recording of this rig has {', '.join(needed)} and, if measured, dq_<joint>")
+    values = {}
+    for column in [*needed, *(f"dq_{joint}" for joint in joints if f"dq_{joint}" in table.columns)]:
+        numbers = pd.to_numeric(table[column], errors="coerce").to_numpy(float)
+        bad = np.flatnonzero(~np.isfinite(numbers))
+        if len(bad) and not (column.startswith("dq_") and len(bad) == len(numbers)):
+            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} is not a finite number; mend or cut this row")
+        values[column] = numbers
+    time = values["time"]
+    if len(time) < FEWEST_ROWS or time[-1] - time[0] < SHORTEST:
+        seconds = time[-1] - time[0] if len(time) else 0.0
+        raise UserError(f"{path}: too short, {len(time)} rows over {seconds:.2f} s; at least {FEWEST_ROWS} rows and {SHORTEST} s are needed")
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        raise UserError(f"{path}: column time, row {back[0] + 2}: time goes from {time[back[0]]:g} to {time[back[0] + 1]:g} s; it must rise from row to row")
+    nothing = np.zeros(len(time))
+    return Recording(
+        path,
+        time,
+        np.column_stack([values.get(f"u_{joint}", nothing) if joint in rig.driven else nothing for joint in joints]),
+        np.column_stack([values[f"q_{joint}"] for joint in joints]),
+        np.column_stack([values.get(f"dq_{joint}", np.full(len(time), np.nan)) for joint in joints]),
+    )
+
+
+def read_recordings(paths: Sequence[Path], rig: Rig) -> list[Recording]:
+    """The recordings, checked together: motion, units.
+
+    Raises:
+        UserError: as `read_recording`, and if nothing moves in any of them, or angles look like degrees.
+    """
+    recordings = [read_recording(path, rig) for path in paths]
+    _check_units(recordings, rig)
+    spread = max(float(np.ptp(recording.q, axis=0).max()) for recording in recordings)
+    resolution = max(rig.noise.get("q", 0.0) * 8, 1e-9)
+    if spread <= resolution:
+        raise UserError(f"{recordings[0].path}: no motion: columns q_* vary by {spread:.2g} at most; record the mechanism while it moves")
+    return recordings
+
+
+def _check_units(recordings: Sequence[Recording], rig: Rig) -> None:
+    """Degrees show in angles that a mechanism does not reach in radians, with torques or gravity that could not bring it there."""
+    for column, joint in enumerate(rig.joints):
+        if rig.model.is_prismatic(joint):
+            continue
+        for recording in recordings:
+            spread = float(np.ptp(recording.q[:, column]))
+            moved = float(np.abs(np.diff(recording.q[:, column])).sum())
+            speed = recording.dq[:, column]
+            derivative = np.gradient(recording.q[:, column], recording.time)
+            fits_velocity = np.isfinite(speed).all() and np.dot(speed, derivative) > 0 and np.dot(derivative, derivative) > 0
+            ratio = float(np.dot(speed, derivative) / np.dot(derivative, derivative)) if fits_velocity else 1.0
+            if 0.7 * np.pi / 180 < ratio < 1.4 * np.pi / 180:
+                raise UserError(
+                    f"{recording.path}: column q_{joint} changes {1 / ratio:.0f} times as fast as dq_{joint} says; angles in degrees are suspected: convert them"
+                    " to radians"
+                )
+            if spread > 20 and _too_fast(recording, rig, column):
+                raise UserError(
+                    f"{recording.path}: column q_{joint} spans {spread:.0f} (and moves {moved:.0f} in {recording.duration:.1f} s), too much for the torques"
+                    " and gravity of this rig; degrees are suspected: convert to radians"
+                )
+
+
+def _too_fast(recording: Recording, rig: Rig, column: int) -> bool:
+    """Whether the recorded accelerations need torques an order of magnitude beyond command, gravity and what motion itself asks for, and fewer in radians."""
+    from mpge_bench.diagnosis.motion import differentiate
+
+    q, dq, ddq = differentiate(recording)
+    world = rig.world()
+    every = max(1, len(q) // 300)
+    needed, fewer = [], []
+    for row in range(0, len(q), every):
+        given = recording.u[row] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(rig.joints))
+        needed.append((world.inverse_dynamics(q[row], dq[row], ddq[row]) - given)[column])
+        fewer.append((world.inverse_dynamics(np.radians(q[row]), np.radians(dq[row]), np.radians(ddq[row])) - given)[column])
+    return float(np.std(needed)) > 5 * float(np.std(fewer))
+
+
+def _table(path: Path) -> pd.DataFrame:
+    try:
+        if path.suffix.lower() in (".parquet", ".pq"):
+            return pd.read_parquet(path)
+        with path.open("rb") as file:
+            if b"\0" in file.read(65536):
+                raise UserError(f"{path}: not a CSV file (it holds binary data); a recording is CSV or Parquet with columns time, u_<joint>, q_<joint>")
+        return pd.read_csv(path, low_memory=False)
+    except UserError:
+        raise
+    except Exception as error:  # pandas and pyarrow raise many kinds for what is no table
+        said = " ".join(str(error).split())[:120]
+        raise UserError(f"{path}: not a readable CSV or Parquet file ({said}); a recording has columns time, u_<joint>, q_<joint>") from error

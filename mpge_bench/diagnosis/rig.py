@@ -1,0 +1,213 @@
+"""A rig: what the simulator believes of a mechanism, as a YAML file says it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, Effect, PositionServo, ViscousFriction, effect_from_dict
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.model import Model
+from mpge_bench.envs.world import World
+
+_KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
+_MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A mechanism on a fixed base as the simulator has it.
+
+    Attributes:
+        path: the YAML file.
+        model: links and joints; its damping and friction are among `nominal`.
+        joints: recorded joints in the order of the model.
+        modes: mode (torque, position, passive) by joint.
+        timestep: physics step, s.
+        record_period: nominal interval between rows, s.
+        gravity: m/s², in the base's frame.
+        noise: standard deviations ``q`` (rad) and ``dq`` (rad/s) of the sensors where the rig states them.
+        nominal: effects of the rig itself: position servos, the model's damping and friction, and the rig's ``effects``.
+        data: the YAML file's content.
+    """
+
+    path: Path
+    model: Model
+    joints: tuple[str, ...]
+    modes: Mapping[str, str]
+    timestep: float
+    record_period: float
+    gravity: tuple[float, float, float]
+    noise: Mapping[str, float]
+    nominal: tuple[Effect, ...]
+    data: Mapping[str, Any]
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Joints with a motor."""
+        return tuple(joint for joint in self.joints if self.modes[joint] != "passive")
+
+    def chain(self, effects: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+        """The rig's own and further `effects`, in the order from command to joint."""
+        return tuple(sorted((*self.nominal, *effects), key=lambda effect: effect.place))
+
+    def world(self, effects: Sequence[Effect] = (), *, timestep: float | None = None, substeps: int = 1) -> World:
+        """A world with this mechanism in it, changed by `effects`.
+
+        Raises:
+            UserError: if an effect names a joint or link that the model has not.
+        """
+        return World(
+            self.model, timestep=timestep or self.timestep, substeps=substeps, gravity=self.gravity, iterations=50, effects=self.chain(effects)
+        )
+
+    def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
+        """The rig's YAML content with `effects` added to its own, and `robot` as the path of the model."""
+        return {**self.data, "robot": robot, "effects": [*self.data.get("effects", []), *(effect.to_dict() for effect in effects)]}
+
+
+def read_rig(path: Path) -> Rig:
+    """The rig in the YAML file `path`.
+
+    Raises:
+        UserError: if the file cannot be read, a key is missing, unknown or of the wrong kind, or a joint is not in the model.
+    """
+    try:
+        data = yaml.safe_load(path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path}: not a readable rig ({_one_line(error)}); give a YAML file as the README describes") from error
+    if not isinstance(data, dict):
+        raise UserError(f"{path}: a rig is a YAML mapping with robot, joints, ...; this is {type(data).__name__}")
+    if "task" in data:
+        raise UserError(f"{path}: rigs of registered robots (task: ...) are not supported yet; give robot: and the path of a URDF or MJCF file")
+    unknown, missing = set(data) - _KEYS, {"robot", "joints"} - set(data)
+    if unknown or missing:
+        what = f"unknown key {sorted(map(str, unknown))[0]!r}" if unknown else f"no key {sorted(missing)[0]!r}"
+        raise UserError(f"{path}: {what}; a rig has {', '.join(sorted(_KEYS))}")
+    if data.get("base", "fixed") != "fixed":
+        raise UserError(f"{path}: base is {data['base']!r}; only mechanisms on a fixed base can be diagnosed so far")
+    timestep = _number(path, data, "timestep", 0.001)
+    period = _number(path, data, "record_period", 0.01)
+    gravity = data.get("gravity", [0.0, 0.0, -9.81])
+    if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
+        raise UserError(f"{path}: gravity is {gravity!r}; give three numbers, m/s²")
+    noise = data.get("noise") or {}
+    if not isinstance(noise, dict) or not set(noise) <= {"q", "dq"} or not all(_is_number(value) and value > 0 for value in noise.values()):
+        raise UserError(f"{path}: noise is {noise!r}; give positive numbers q (rad) and dq (rad/s)")
+    if not isinstance(data["robot"], str):
+        raise UserError(f"{path}: robot is {data['robot']!r}; give the path of a URDF or MJCF file")
+    model = Model(path.parent / data["robot"])
+    model.strip_geometry()
+    joints = data["joints"]
+    if not isinstance(joints, dict) or not joints:
+        raise UserError(f"{path}: joints is {joints!r}; give each recorded joint and its mode, such as elbow: {{mode: torque}}")
+    for joint in joints:
+        if joint not in model.joints:
+            raise UserError(f"{path}: joint {joint!r} is not in {model.path.name}, which has {', '.join(model.joints) or 'no movable joint'}")
+    left = [joint for joint in model.joints if joint not in joints]
+    if left:
+        raise UserError(f"{path}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
+    nominal: list[Effect] = []
+    for joint, settings in joints.items():
+        mode = settings.get("mode") if isinstance(settings, dict) else None
+        if mode not in _MODES:
+            raise UserError(f"{path}: joint {joint} has mode {mode!r}; choose torque, position or passive")
+        needed, optional = _MODES[mode]
+        given = set(settings) - {"mode"}
+        if not needed <= given <= needed | optional:
+            raise UserError(f"{path}: joint {joint} in {mode} mode takes {', '.join(sorted(needed | optional)) or 'nothing more'}; got {', '.join(sorted(given))}")
+        if mode == "position":
+            nominal.append(PositionServo(joint, **{key: settings[key] for key in given}))
+    for joint, (damping, friction) in model.take_losses().items():
+        if damping:
+            nominal.append(ViscousFriction(joint, damping))
+        if friction:
+            nominal.append(CoulombFriction(joint, friction))
+    listed = data.get("effects") or []
+    if not isinstance(listed, list):
+        raise UserError(f"{path}: effects is {listed!r}; give a list")
+    for index, item in enumerate(listed):
+        try:
+            nominal.append(effect_from_dict(item))
+        except UserError as error:
+            raise UserError(f"{path}: effects[{index}]: {error}") from error
+    rig = Rig(
+        path,
+        model,
+        tuple(joint for joint in model.joints if joint in joints),
+        {joint: joints[joint]["mode"] for joint in joints},
+        timestep,
+        period,
+        tuple(float(value) for value in gravity),  # type: ignore[arg-type]
+        noise,
+        tuple(nominal),
+        data,
+    )
+    try:
+        rig.world()
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    return rig
+
+
+def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
+    """What effect `name` of the catalogue could act on in `rig`."""
+    kind = CATALOGUE[name]
+    if kind.on == "world":
+        return ("world",)
+    if kind.on == "link":
+        return rig.model.moving_links()
+    return rig.driven if kind.needs_motor else rig.joints
+
+
+def with_parameters(effect: Effect, values: Sequence[float]) -> Effect:
+    """`effect` with its numeric parameters replaced by `values`, vectors flattened, each clipped to its bounds."""
+    changes: dict[str, Any] = {}
+    left = list(values)
+    for name, parameter in effect.parameters.items():
+        size = _size(effect, name)
+        taken = [min(max(float(value), parameter.low), parameter.high) for value in left[:size]]
+        left = left[size:]
+        changes[name] = taken[0] if parameter.size == 1 else tuple(taken)
+    return dataclasses.replace(effect, **changes)
+
+
+def parameters_of(effect: Effect) -> list[float]:
+    """The numeric parameters of `effect`, vectors flattened."""
+    found: list[float] = []
+    for name in effect.parameters:
+        value = getattr(effect, name)
+        found.extend(value if isinstance(value, tuple) else [value])
+    return [float(value) for value in found]
+
+
+def bounds_of(effect: Effect) -> tuple[list[float], list[float]]:
+    """Lower and upper bounds of `parameters_of(effect)`."""
+    sizes = [(parameter, _size(effect, name)) for name, parameter in effect.parameters.items()]
+    return [p.low for p, size in sizes for _ in range(size)], [p.high for p, size in sizes for _ in range(size)]
+
+
+def _size(effect: Effect, name: str) -> int:
+    value = getattr(effect, name)
+    return len(value) if isinstance(value, tuple) else 1
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _number(path: Path, data: Mapping[str, Any], key: str, default: float) -> float:
+    value = data.get(key, default)
+    if not _is_number(value) or value <= 0:
+        raise UserError(f"{path}: {key} is {value!r}; give a positive number of seconds")
+    return float(value)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

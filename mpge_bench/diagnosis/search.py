@@ -1,0 +1,233 @@
+"""Which effects of the catalogue explain the recordings: screening, fitting and choosing, all in the linearised simulator."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+from scipy.optimize import least_squares
+
+from mpge_bench.diagnosis.linear import Search
+from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, with_parameters
+from mpge_bench.envs.effects import CATALOGUE, Armature, Effect, Scale, ViscousFriction
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be at work, with the parameter values from which its fit starts."""
+
+    name: str
+    target: str
+    starts: tuple[Effect, ...]
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}:{self.target}"
+
+
+def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
+    """Every effect of the catalogue on everything in `rig` that it could act on."""
+    found = []
+    for name, kind in CATALOGUE.items():
+        for target in candidate_targets(rig, name):
+            joint = target if target in scales else rig.joints[0] if target == "world" else rig.model.carriers(target)[-1]
+            starts = tuple(kind(target, **start) for start in kind.starts(scales[joint]))
+            if starts:
+                found.append(Candidate(name, target, starts))
+    return found
+
+
+def label(effects: Sequence[Effect]) -> str:
+    return " + ".join(f"{effect.name}:{effect.target}" for effect in effects) or "nothing"
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A set of effects with fitted parameters.
+
+    Attributes:
+        effects: fitted.
+        misses: measured minus predicted, projected, shape (windows, rows * channels).
+        sensitivity: derivative of the prediction by each parameter, shape (parameters, windows, rows * channels).
+    """
+
+    effects: tuple[Effect, ...]
+    misses: Array
+    sensitivity: Array
+
+    @functools.cached_property
+    def cost(self) -> Array:
+        """Sum of squares of each window."""
+        return (self.misses**2).sum(-1)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.sensitivity)
+
+
+class Fitter:
+    """Fits sets of effects to the windows of `search`, those marked in `train`."""
+
+    def __init__(self, search: Search, train: npt.NDArray[np.bool_]) -> None:
+        self.search, self.train = search, train
+        self.base = tuple(search.linear.base)
+        rig = search.linear.rig
+        # What integrators do differently is nobody's fault: the error of the physics step, up to three times what halving it changes, and damping worked
+        # out implicitly, which acts like an inertia of damping times step.
+        numeric, limits = [search.project(search.halved_error)], [(-1.0, 3.0)]
+        for effect in rig.chain(self.base):
+            if isinstance(effect, ViscousFriction) and effect.damping > 0:
+                numeric.append(search.change([*self.base, Armature(effect.target, effect.damping * rig.timestep)]))
+                limits.append((-1.0, 1.0))
+        self._numeric, self._limits = numeric, limits
+        self.residual, self.free = self.settle(search.residual(), self.base)
+
+    def settle(self, residual: Array, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """`residual` of the model with `effects` less what simulators do differently, within limits, and those differences that are within them."""
+        lead = self.search.leading(effects)
+        numeric = np.array(self._numeric if lead is None else [*self._numeric, lead])
+        limits = np.array(self._limits if lead is None else [*self._limits, (-0.3, 1.3)])
+        fitted = numeric[:, self.train].reshape(len(numeric), -1)
+        gram, right = fitted @ fitted.T, fitted @ residual[self.train].ravel()
+        size = np.zeros(len(right))
+        # Coordinate descent: a handful of bounded unknowns.
+        for _ in range(20):
+            for index in range(len(size)):
+                rest = right[index] - gram[index] @ size + gram[index, index] * size[index]
+                size[index] = np.clip(rest / max(gram[index, index], 1e-12), *limits[index])
+        inside = (size > limits[:, 0]) & (size < limits[:, 1])
+        return residual - np.tensordot(size, numeric, 1), numeric[inside]
+
+    def clear(self, values: Array) -> Array:
+        """`values` (..., windows, rows * channels) without their part along the integrator's errors that are within their limits."""
+        numeric = self.free
+        if not len(numeric):
+            return values
+        along = np.einsum("awk,...wk->...a", numeric, values)
+        gram = np.einsum("awk,bwk->ab", numeric, numeric)
+        return values - np.tensordot(np.linalg.lstsq(gram, along.T, rcond=1e-10)[0].T, numeric, 1)
+
+    def change(self, effects: Sequence[Effect]) -> Array:
+        return self.search.change(effects)
+
+    def columns(self, candidate: Candidate, effects: Sequence[Effect] = ()) -> Array:
+        """Changes of the prediction by each start of `candidate` beside `effects`, shape (starts, windows, rows * channels)."""
+        at = self.change(effects) if effects else 0.0
+        return np.stack([self.change([*effects, start]) - at for start in candidate.starts])
+
+    def fit(self, effects: Sequence[Effect], *, evaluations: int = 12) -> Fitted:
+        """Least squares over all parameters of `effects`, from their present values."""
+        first = np.array([value for effect in effects for value in parameters_of(effect)])
+        if not len(first):
+            return Fitted((), self.residual, np.zeros((0, *self.residual.shape)))
+        low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
+        size = self._sizes(effects)
+
+        def built(z: Array) -> list[Effect]:
+            return rebuild(effects, z * size)
+
+        raw = self.search.residual()
+
+        def miss(z: Array) -> Array:
+            effects = built(z)
+            return self.settle(raw - self.change(effects), effects)[0][self.train].ravel()
+
+        solved = least_squares(miss, first / size, bounds=(low / size - 1e-9, high / size + 1e-9), diff_step=1e-4, max_nfev=evaluations, xtol=1e-4, ftol=1e-5)
+        final = built(solved.x)
+        at = self.change(final)
+        sensitivity = []
+        for index in range(len(first)):
+            moved = solved.x.copy()
+            moved[index] += 1e-4 if moved[index] + 1e-4 <= high[index] / size[index] else -1e-4
+            sensitivity.append((self.change(built(moved)) - at) / ((moved - solved.x)[index] * size[index]))
+        return Fitted(tuple(final), self.settle(raw - at, final)[0], np.array(sensitivity))
+
+    def _sizes(self, effects: Sequence[Effect]) -> Array:
+        """Typical size of each parameter, for a well-scaled fit."""
+        found = []
+        for effect in effects:
+            values = np.abs(parameters_of(effect))
+            largest = values.max() if len(values) else 1.0
+            found.extend(np.where(values > 0, values, largest if largest > 0 else 1.0))
+        return np.array(found)
+
+
+def rebuild(effects: Sequence[Effect], values: Array) -> list[Effect]:
+    """`effects` with all their parameters replaced by `values`, one after another."""
+    result, at = [], 0
+    for effect in effects:
+        count = len(parameters_of(effect))
+        result.append(with_parameters(effect, values[at : at + count]))
+        at += count
+    return result
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What a look at every candidate's first-order effect tells.
+
+    Attributes:
+        p_value: probability that the largest of all gains is as large by chance.
+        gains: how much the sum of squares falls, at most, to first order, by candidate.
+        scores: minus log10 of each gain's own probability under no effect, by candidate.
+        best: the start of each candidate that gains most.
+    """
+
+    p_value: float
+    gains: dict[Candidate, float]
+    scores: dict[Candidate, float]
+    best: dict[Candidate, Effect]
+
+
+def screen(fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: Sequence[Array] = (), *, present: Sequence[Effect] = (), draws: int = 999) -> Screening:
+    """Which candidates could explain `residual`, and whether anything at all is there to be explained.
+
+    Each candidate's gain is that of a linear regression of the residual on its columns. The test's statistic is the largest of all candidates' gains, each
+    turned into a probability; its distribution under no effect comes from giving every window's residual a random sign (wild bootstrap), which keeps whatever
+    the noise is like within a window.
+
+    Args:
+        residual: shape (windows, rows * channels), of the train windows' model.
+        extra: columns of further, nameless candidates (curves), each of shape (columns, windows, rows * channels).
+        present: effects already in the model: their first-order changes are projected out.
+    """
+    rng = np.random.default_rng(0)
+    flips = rng.choice([-1.0, 1.0], (draws, residual.shape[0]))
+    gains, scores, best = {}, {}, {}
+    top, top_drawn = 0.0, np.zeros(draws)
+    noise = max(float(np.mean(residual**2)), 1e-12)
+    for candidate in [*chosen, *extra]:
+        columns = fitter.clear(fitter.columns(candidate, present) if isinstance(candidate, Candidate) else candidate)
+        flat = columns.reshape(len(columns), -1)
+        size = np.sqrt((flat**2).sum(1))
+        alive = size > 1e-6
+        if not alive.any():
+            continue
+        flat = flat[alive] / size[alive, None]
+        values, vectors = np.linalg.eigh(flat @ flat.T)
+        kept = values > 1e-6 * values.max()
+        basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ flat
+        parts = (basis.reshape(len(basis), *residual.shape) * residual).sum(-1)  # (directions, windows)
+        gain = float((parts.sum(1) ** 2).sum())
+        drawn = ((flips @ parts.T) ** 2).sum(1)
+        spread = float(drawn.mean()) / len(basis) if drawn.mean() > 0 else noise
+        score = -stats.chi2.logsf(gain / spread, len(basis)) / np.log(10)
+        top = max(top, score)
+        top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(basis)) / np.log(10))
+        if isinstance(candidate, Candidate):
+            gains[candidate], scores[candidate] = gain, score
+            each = (flat @ residual.ravel()) ** 2
+            best[candidate] = [start for start, ok in zip(candidate.starts, alive, strict=True) if ok][int(each.argmax())]
+    exceeding = int((top_drawn >= top).sum())
+    p_value = (1 + exceeding) / (1 + draws)
+    if exceeding == 0:
+        # Beyond the drawn ones the maxima fall off as 10^-score.
+        p_value = min(p_value, float(10 ** -(top - np.quantile(top_drawn, 0.5)) * 0.5))
+    return Screening(p_value, gains, scores, best)
