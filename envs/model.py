@@ -178,9 +178,10 @@ class Model:
         """Add a constant force, N, in the base's frame, on the centre of mass of `link`.
 
         Raises:
-            UserError: if no link with mass has that name.
+            UserError: if no link that has mass and moves has that name.
         """
-        self._inertial(link)
+        if link not in self.moving_links():
+            raise UserError(f"no link {link!r} with mass that moves; the model has {', '.join(self.moving_links())}")
         self.forces.append((link, np.array(force, float)))
 
     def add_rotor(self, joint: str, inertia: float, *, carried: bool = False) -> None:

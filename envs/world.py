@@ -135,7 +135,7 @@ class World:
             bullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
-        self._forces = [(self._links[link], force) for link, force in model.forces]
+        self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
         actuators = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "joint"]
         #: A command that depends on the state (a spring, say) is worked out anew at every physics step; any other one is held.
         self._held = all(effect.maps_command or effect.steady for effect, _ in actuators) and not self._forces
@@ -184,6 +184,12 @@ class World:
 
     def _mass(self, index: int) -> float:
         return float(bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)[0])
+
+    def _centre(self, index: int) -> list[float]:
+        """Centre of mass of a link, from the origin of the link's frame but along the principal axes of inertia: so PyBullet's Jacobians take points."""
+        _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)
+        along = np.reshape(bullet.getMatrixFromQuaternion(turn), (3, 3)).T @ place
+        return [float(value) for value in along]
 
     def mass_of(self, link: str) -> float:
         """Mass of `link`, kg."""
@@ -281,7 +287,7 @@ class World:
         return result
 
     def inverse_dynamics(self, q: Sequence[float] | Array, dq: Sequence[float] | Array, ddq: Sequence[float] | Array) -> Array:
-        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) where effects on joints are absent."""
+        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) without effects on joints and the model's damping."""
         torque = bullet.calculateInverseDynamics(self._body, self._dofs(q, 0.0), self._dofs(dq), self._dofs(ddq), physicsClientId=self._client)
         result = np.array([torque[self._dof_of[index]] for index in self._q_index])
         for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
@@ -306,8 +312,8 @@ class World:
         """Joint torques of the constant forces at `q`."""
         total = np.zeros(len(self.joints))
         dofs, none = self._dofs(q, 0.0), [0.0] * len(self._state_index)
-        for link, force in self._forces:
-            linear, _ = bullet.calculateJacobian(self._body, link, [0.0, 0.0, 0.0], dofs, none, none, physicsClientId=self._client)
+        for link, centre, force in self._forces:
+            linear, _ = bullet.calculateJacobian(self._body, link, centre, dofs, none, none, physicsClientId=self._client)
             total += force @ np.array(linear)[:, [self._dof_of[index] for index in self._q_index]]
         return total
 

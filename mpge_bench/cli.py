@@ -156,6 +156,100 @@ def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
 
 
 @app.command()
+def record(
+    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("recordings"),
+    source: Annotated[bool, typer.Option("--source", help="Record the pair's source (nothing to find) instead of its target.")] = False,
+    episodes: Annotated[int, typer.Option(min=1, help="One file each.")] = 4,
+    policy: Annotated[
+        str, typer.Option(help="random (smooth random commands), shipped (the shipped source policies) or target (the shipped target-optimal ones).")
+    ] = "random",
+    seed: Annotated[int, typer.Option(min=0, help="Repeats a recording.")] = 0,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="Longest episode; the task's own length if not given.")] = None,
+    noise_q: Annotated[float, typer.Option(min=0.0, help="Standard deviation of noise on recorded positions, rad (m).")] = 0.0,
+    noise_dq: Annotated[float, typer.Option(min=0.0, help="Standard deviation of noise on recorded velocities, rad/s (m/s).")] = 0.0,
+    format: Annotated[str, typer.Option(help="csv or parquet.")] = "csv",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace recordings that are in the folder already.")] = False,
+    policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
+) -> None:
+    """Record a benchmark pair's target as if it were the real system, for `diagnose` and `simulate`.
+
+    Example: python -m mpge_bench record --task biased_pendulum --policy target --episodes 4 --out recordings/
+
+    Writes OUT/episode_00.csv, episode_01.csv, ...: columns time (s), u_JOINT (torque in N m or force in N; 0 without a motor), q_JOINT (rad or m) and
+    dq_JOINT (rad/s or m/s). Each row is one control step: the state as the sensors read it, before the row's command acts. An episode
+    that the task ends early (the robot fell) is recorded as far as it went.
+    Beside them OUT/rig.yaml and the robot's model file say what the simulator believes, where `diagnose` can take the robot: a fixed base, no ground.
+    """
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.diagnosis import record as recorder
+    from mpge_bench.diagnosis.recording import FEWEST_ROWS, SHORTEST
+    from mpge_bench.policies import FOLDER
+
+    settings = recorder.RecordSettings(task, source, episodes, policy, seed, seconds, noise_q, noise_dq, format)
+    with ConsoleProgress() as progress:
+        tables = recorder.record(settings, out, overwrite=overwrite, policy_folder=policies or FOLDER, progress=progress)
+    spans = {path: float(table["time"].iloc[-1]) for path, table in tables.items()}
+    for path, table in tables.items():
+        _out.print(f"{path}: {len(table)} rows, {spans[path]:.2f} s", soft_wrap=True)
+    robot = get_task(task).robot
+    short = sum(len(table) < FEWEST_ROWS or spans[path] < SHORTEST for path, table in tables.items())
+    if not recorder.can_be_rig(robot):
+        _out.print(f"No rig.yaml was written: `diagnose` cannot take robots with ground contact, such as the {robot.name}, yet.", soft_wrap=True)
+    elif short:
+        advice = "give more --seconds" if policy == "target" else "try --policy target, which keeps the robot up longer"
+        _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({FEWEST_ROWS} rows and {SHORTEST} s are needed); {advice}.", soft_wrap=True)
+    else:
+        _out.print(f"Next: python -m mpge_bench diagnose --rig {out / 'rig.yaml'} --recording '{out}/episode_*.{format}' --out report/", soft_wrap=True)
+
+
+@app.command()
+def simulate(
+    rig: Annotated[Path, typer.Option(help="YAML file of the mechanism, such as the corrected.yaml that `diagnose` writes.")],
+    recording: Annotated[Path, typer.Option(help="CSV or Parquet file with time, u_JOINT, q_JOINT and, if measured, dq_JOINT.")],
+    horizon: Annotated[float, typer.Option(help="Seconds from one restart to the next.")] = 0.5,
+    out: Annotated[Path, typer.Option(help="CSV (or, if named .parquet, Parquet) file for the prediction; replaced if it is there.")] = Path("predicted.csv"),
+) -> None:
+    """Predict a recording with a rig: how far is the simulator from the real system?
+
+    Example: python -m mpge_bench simulate --rig corrected.yaml --recording test.csv --horizon 0.5 --out predicted.csv
+
+    Restarts from the recorded state every HORIZON seconds and runs the recording's own commands from there. Writes the predicted rows, at the
+    recording's times: time (s), q_JOINT (rad or m), dq_JOINT (rad/s or m/s), as the sensors would read them. Prints how far they are from
+    the recorded ones (root mean square over all rows).
+    """
+    import numpy as np
+    import pandas as pd
+
+    from mpge_bench.diagnosis.record import write_table
+    from mpge_bench.diagnosis.recording import read_recording
+    from mpge_bench.diagnosis.rig import read_rig
+    from mpge_bench.diagnosis.simulator import simulate as predict
+
+    believed = read_rig(rig)
+    real = read_recording(recording, believed)
+    period = float(np.median(np.diff(real.time)))
+    if not horizon > period:
+        raise UserError(
+            f"a horizon of {horizon} s is no longer than the {period:.4g} s from row to row, so nothing would be predicted; give --horizon 0.5, say"
+        )
+    if out.resolve() in (recording.resolve(), rig.resolve()):
+        raise UserError(f"{out}: would be overwritten, but it is what the prediction is made from; choose another file with --out")
+    predicted = predict(believed, real, horizon)
+    columns = {"time": predicted.time}
+    for prefix, values in (("q", predicted.q), ("dq", predicted.dq)):
+        columns |= {f"{prefix}_{joint}": values[:, column] for column, joint in enumerate(believed.joints)}
+    write_table(pd.DataFrame(columns), out)
+    drawn = Table("joint", "RMS error of q", "RMS error of dq")
+    errors = (np.sqrt(np.mean((there - here) ** 2, 0)).tolist() for there, here in ((predicted.q, real.q), (predicted.dq, real.dq)))
+    for joint, position, speed in zip(believed.joints, *errors, strict=True):
+        unit = "m" if believed.model.is_prismatic(joint) else "rad"
+        drawn.add_row(joint, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
+    _out.print(drawn)
+    _out.print(f"Written to {out}: {len(real.time)} rows, restarted every {horizon:g} s", soft_wrap=True)
+
+
+@app.command()
 def leaderboard(
     results: Annotated[Path, typer.Argument(help="Folder with result.json files, at any depth.")] = Path("leaderboard/results"),
     markdown: Annotated[bool, typer.Option(help="Print Markdown.")] = False,

@@ -202,7 +202,8 @@ class BackEmfLimit(Effect):
 class _MotorSide:
     """A motor with an inertia of its own that turns the joint through a spring, with or without play.
 
-    The motor is integrated implicitly, the joint is not: a spring or damper too hard for the world's physics step is made as hard as that carries.
+    The spring's torque is that of the step's beginning, so that the integration damps no oscillation by itself, and the damper's that of its end.
+    A spring or damper too hard for the world's physics step is made as hard as that carries.
     """
 
     @staticmethod
@@ -224,8 +225,8 @@ class _MotorSide:
         reached = twist + dt * free
         side = np.where(reached > play, 1.0, np.where(reached < -play, -1.0, 0.0)) if play > 0 else 1.0
         wound = twist - side * play
-        held = (inertia * slip / dt + torque - stiffness * wound) / (inertia / dt + stiffness * dt + damping)
-        passed = stiffness * (wound + dt * held) + damping * held
+        held = (inertia * slip / dt + torque - stiffness * wound) / (inertia / dt + damping)
+        passed = stiffness * wound + damping * held
         # The ends of a play push but do not pull.
         touching = (side * passed > 0) if play > 0 else True
         slip = np.where(touching, held, free)[()]

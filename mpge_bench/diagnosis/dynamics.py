@@ -14,6 +14,8 @@ import numpy.typing as npt
 from mpge_bench.envs.model import Model
 
 Array = npt.NDArray[np.float64]
+#: A joint that carries a link: its index, whether it slides, and its axis and place in the base's frame.
+Carrier = tuple[int, bool, Array, Array]
 
 
 def body_parameters(mass: float, centre: Array, inertia: Array) -> Array:
@@ -44,6 +46,7 @@ class Tree:
         none = np.zeros((*shape, 3))
         first = next((joint.parent for joint in self._tree), "")
         # Of each link: rotation, place, angular velocity and acceleration, acceleration of its origin less gravity, and the joints that carry it.
+        links: dict[str, tuple[Array, Array, Array, Array, Array, tuple[Carrier, ...]]]
         links = {first: (np.broadcast_to(np.eye(3), (*shape, 3, 3)), none, none, none, none - gravity, ())}
         for joint in self._tree:
             turn, place, spin, twist, pull, carriers = links[joint.parent]
@@ -70,15 +73,14 @@ class Tree:
         for link in self._links:
             turn, place, spin, twist, pull, carriers = links[link]
             forces, moments = [pull], [none]
-            for axis in range(3):
-                unit = turn[..., axis]
+            for unit in np.moveaxis(turn, -1, 0):
                 forces.append(np.cross(twist, unit) + np.cross(spin, np.cross(spin, unit)))
                 moments.append(np.cross(unit, pull))
             for i, j in zip(*np.triu_indices(3), strict=True):
                 left, right = turn[..., i], turn[..., j]
 
                 def turned(vector: Array, left: Array = left, right: Array = right, same: bool = bool(i == j)) -> Array:
-                    along = left * (right * vector).sum(-1, keepdims=True)
+                    along: Array = left * (right * vector).sum(-1, keepdims=True)
                     return along if same else along + right * (left * vector).sum(-1, keepdims=True)
 
                 forces.append(none)
@@ -94,7 +96,8 @@ class Tree:
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array, gravity: Array) -> Array:
         """Joint torques, shape (..., joints), that give `ddq` at (`q`, `dq`), rotors and forces left out."""
         columns = self.columns(q, dq, ddq, gravity)
-        return np.sum([columns[link] @ body_parameters(*self._model.inertial(link)) for link in columns], axis=0)
+        total: Array = np.sum([columns[link] @ body_parameters(*self._model.inertial(link)) for link in columns], axis=0)
+        return total
 
     def mass_matrix(self, q: Array) -> Array:
         """Generalized inertia, shape (..., joints, joints), rotors left out."""
@@ -106,4 +109,5 @@ def _about(axis: Array, angle: Array) -> Array:
     """Rotations by `angle` about `axis` (Rodrigues), shape (..., 3, 3)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle)[..., None, None] * cross + (1 - np.cos(angle))[..., None, None] * (cross @ cross)
+    turn: Array = np.eye(3) + np.sin(angle)[..., None, None] * cross + (1 - np.cos(angle))[..., None, None] * (cross @ cross)
+    return turn

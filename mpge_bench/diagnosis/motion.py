@@ -33,10 +33,10 @@ class Motion:
         u: command of each physics step of each row's interval, shape (r, k, m, j).
         measured: q and dq, shape (r, k, 2 j); NaN where not measured.
         state: reference q and dq, same shape.
+        stride: rows of the files from one row to the next.
         step: physics step that divides the rows' interval into m, s.
         sigma: noise of each channel, shape (2 j,).
         spread: standard deviation of the reference's dq, shape (j,).
-        held_out: shape (r,), whether the recording is kept from fitting.
     """
 
     recordings: Sequence[Recording]
@@ -45,13 +45,14 @@ class Motion:
     u: Array
     measured: Array
     state: Array
+    stride: int
     step: float
     sigma: Array
     spread: Array
 
     @property
     def joints(self) -> int:
-        return self.u.shape[-1]
+        return int(self.u.shape[-1])
 
     def fine(self) -> tuple[Array, Array]:
         """Reference q and dq at the physics steps, shape (r, k, m, j): the cubic through both ends of each interval."""
@@ -116,6 +117,7 @@ def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
         np.array(u),
         np.array(measured),
         np.array(state),
+        stride,
         stride * period / count,
         np.ones(2 * len(rig.joints)),
         np.zeros(len(rig.joints)),

@@ -32,11 +32,10 @@ def prepare(recordings: Sequence[Recording], rig: Rig) -> Linear:
     return linear
 
 
-def rebase(linear: Linear, effects: Sequence[Effect]) -> Linear:
-    """The simulator with `effects`, linearised about the recordings as that simulator smooths them."""
-    linear = Linear(linear.rig, linear.motion, effects)
-    stated = _stated(linear.rig)
-    return _refine(linear, np.where(np.isfinite(stated), stated, np.minimum(_first_noise(linear), linear.motion.sigma)), stated, effects)[0]
+def rebase(linear: Linear, effects: Sequence[Effect], sigma: Array) -> Linear:
+    """The simulator with `effects`, linearised about the recordings as that simulator smooths them under noise `sigma`."""
+    linear = Linear(linear.rig, replace(linear.motion, sigma=sigma), effects)
+    return _refine(linear, sigma, sigma, effects)[0]
 
 
 def _stated(rig: Rig) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,13 @@ from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World
 
 _KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
+
+
+class _Loader(yaml.SafeLoader):
+    """Takes 1e-3 for a number, as YAML 1.2 does and PyYAML does not."""
+
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789"))
 _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
 
 
@@ -63,13 +71,11 @@ class Rig:
         Raises:
             UserError: if an effect names a joint or link that the model has not.
         """
-        return World(
-            self.model, timestep=timestep or self.timestep, substeps=substeps, gravity=self.gravity, iterations=50, effects=self.chain(effects)
-        )
+        return World(self.model, timestep=timestep or self.timestep, substeps=substeps, gravity=self.gravity, iterations=50, effects=self.chain(effects))
 
     def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
         """The rig's YAML content with `effects` added to its own, and `robot` as the path of the model."""
-        return {**self.data, "robot": robot, "effects": [*self.data.get("effects", []), *(effect.to_dict() for effect in effects)]}
+        return {**self.data, "robot": robot, "effects": [*(self.data.get("effects") or []), *(effect.to_dict() for effect in effects)]}
 
 
 def read_rig(path: Path) -> Rig:
@@ -79,7 +85,7 @@ def read_rig(path: Path) -> Rig:
         UserError: if the file cannot be read, a key is missing, unknown or of the wrong kind, or a joint is not in the model.
     """
     try:
-        data = yaml.safe_load(path.read_text("utf-8"))
+        data = yaml.load(path.read_text("utf-8"), _Loader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise UserError(f"{path}: not a readable rig ({_one_line(error)}); give a YAML file as the README describes") from error
     if not isinstance(data, dict):
@@ -92,6 +98,8 @@ def read_rig(path: Path) -> Rig:
         raise UserError(f"{path}: {what}; a rig has {', '.join(sorted(_KEYS))}")
     if data.get("base", "fixed") != "fixed":
         raise UserError(f"{path}: base is {data['base']!r}; only mechanisms on a fixed base can be diagnosed so far")
+    if data.get("ground") is not None:
+        raise UserError(f"{path}: ground is given, but only mechanisms that touch nothing can be diagnosed so far; take it out if they do")
     timestep = _number(path, data, "timestep", 0.001)
     period = _number(path, data, "record_period", 0.01)
     gravity = data.get("gravity", [0.0, 0.0, -9.81])
@@ -115,20 +123,31 @@ def read_rig(path: Path) -> Rig:
         raise UserError(f"{path}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
     nominal: list[Effect] = []
     for joint, settings in joints.items():
-        mode = settings.get("mode") if isinstance(settings, dict) else None
-        if mode not in _MODES:
+        if not isinstance(settings, dict):
+            raise UserError(f"{path}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
+        mode = settings.get("mode")
+        if not isinstance(mode, str) or mode not in _MODES:
             raise UserError(f"{path}: joint {joint} has mode {mode!r}; choose torque, position or passive")
         needed, optional = _MODES[mode]
-        given = set(settings) - {"mode"}
+        given = {str(key) for key in settings} - {"mode"}
         if not needed <= given <= needed | optional:
-            raise UserError(f"{path}: joint {joint} in {mode} mode takes {', '.join(sorted(needed | optional)) or 'nothing more'}; got {', '.join(sorted(given))}")
-        if mode == "position":
-            nominal.append(PositionServo(joint, **{key: settings[key] for key in given}))
-    for joint, (damping, friction) in model.take_losses().items():
-        if damping:
-            nominal.append(ViscousFriction(joint, damping))
-        if friction:
-            nominal.append(CoulombFriction(joint, friction))
+            takes, got = (", ".join(sorted(names)) or "nothing more" for names in (needed | optional, given))
+            raise UserError(f"{path}: joint {joint} in {mode} mode takes {takes}; got {got}")
+    try:
+        nominal += [
+            PositionServo(joint, **{key: settings[key] for key in settings if key != "mode"})
+            for joint, settings in joints.items()
+            if settings["mode"] == "position"
+        ]
+        for joint, (damping, friction) in model.take_losses().items():
+            if damping:
+                nominal.append(ViscousFriction(joint, damping))
+            if friction:
+                nominal.append(CoulombFriction(joint, friction))
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    except ValueError as error:
+        raise UserError(f"{model.path}: <dynamics> of a joint is not readable ({error}); correct this number") from error
     listed = data.get("effects") or []
     if not isinstance(listed, list):
         raise UserError(f"{path}: effects is {listed!r}; give a list")

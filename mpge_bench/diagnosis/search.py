@@ -137,7 +137,9 @@ class Fitter:
 
         def miss(z: Array) -> Array:
             effects = built(z)
-            return self.settle(raw - self.change(effects), effects)[0][self.train].ravel()
+            misses = self.settle(raw - self.change(effects), effects)[0][self.train].ravel()
+            # What the recordings do not tell stays where it started.
+            return np.concatenate((misses, 0.01 * (z - first / size)))
 
         solved = least_squares(miss, first / size, bounds=(low / size - 1e-9, high / size + 1e-9), diff_step=1e-4, max_nfev=evaluations, xtol=1e-4, ftol=1e-5)
         final = built(solved.x)
@@ -223,11 +225,20 @@ def screen(fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: 
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(basis)) / np.log(10))
         if isinstance(candidate, Candidate):
             gains[candidate], scores[candidate] = gain, score
-            each = (flat @ residual.ravel()) ** 2
-            best[candidate] = [start for start, ok in zip(candidate.starts, alive, strict=True) if ok][int(each.argmax())]
+            best[candidate] = candidate.starts[_nearest(candidate, columns.reshape(len(columns), -1), residual.ravel())]
     exceeding = int((top_drawn >= top).sum())
     p_value = (1 + exceeding) / (1 + draws)
     if exceeding == 0:
         # Beyond the drawn ones the maxima fall off as 10^-score.
         p_value = min(p_value, float(10 ** -(top - np.quantile(top_drawn, 0.5)) * 0.5))
     return Screening(p_value, gains, scores, best)
+
+
+def _nearest(candidate: Candidate, columns: Array, residual: Array) -> int:
+    """Which start explains most of the residual: as it is, or, where an effect's change is in proportion to its size, at the best size."""
+    kind = type(candidate.starts[0])
+    first = next(iter(kind.parameters.values()))
+    if kind.remembers or kind.maps_command or np.isinf(first.neutral):
+        return int(((residual - columns) ** 2).sum(1).argmin())
+    size = (columns**2).sum(1)
+    return int(np.where(size > 1e-12, (columns @ residual) ** 2 / np.maximum(size, 1e-12), 0.0).argmax())

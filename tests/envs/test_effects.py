@@ -186,6 +186,286 @@ def test_joint_spring_oscillates_at_its_frequency(wheel: Path) -> None:
         assert world.q[0] == pytest.approx(0.3 + 0.1 * math.cos(math.sqrt(9.6 / INERTIA) * time), abs=0.002)
 
 
+@given(st.floats(0.0, 0.03), st.floats(-5.0, 5.0))
+@settings(deadline=None, max_examples=30)
+def test_delay_shifts_the_command_by_any_time(wheel: Path, seconds: float, command: float) -> None:
+    _, dq = spin(wheel, np.full(50, command), Delay("hinge", seconds))
+    time = np.arange(1, 51) * STEP
+    # Within the physics step in which the command arrives its impulse is shared out.
+    arrived = np.abs(time - seconds) > STEP
+    assert dq[arrived] == pytest.approx((command / INERTIA * np.maximum(0.0, time - seconds))[arrived], abs=1e-12)
+    assert dq[time <= seconds] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_delay_keeps_the_commands_shape(wheel: Path) -> None:
+    commands = np.random.default_rng(0).uniform(-5, 5, 60)
+    _, late = spin(wheel, commands, Delay("hinge", 0.012))
+    assert late[12:] == pytest.approx(spin(wheel, commands)[1][:-12], abs=1e-12)
+
+
+@given(st.floats(1e-3, 0.1))
+@settings(deadline=None, max_examples=20)
+def test_lag_follows_as_a_first_order_system(wheel: Path, time_constant: float) -> None:
+    _, dq = spin(wheel, np.full(50, 3.0), Lag("hinge", time_constant))
+    torque = np.diff(dq, prepend=0.0) / STEP * INERTIA
+    assert torque == pytest.approx(3.0 * (1 - np.exp(-np.arange(1, 51) * STEP / time_constant)))
+
+
+@given(st.floats(-5.0, 5.0), st.floats(0.0, 4.0))
+@settings(deadline=None, max_examples=20)
+def test_dead_zone_swallows_small_commands(wheel: Path, command: float, torque: float) -> None:
+    delivered = math.copysign(max(0.0, abs(command) - torque), command)
+    assert torque_at(wheel, command, DeadZone("hinge", torque)) == pytest.approx(delivered, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("command", "speed", "delivered"),
+    [(3.0, 0.0, 3.0), (3.0, 5.0, 2.0), (-3.0, -5.0, -2.0), (1.5, 5.0, 1.5), (3.0, -5.0, 3.0), (-9.0, 5.0, -9.0), (3.0, 10.0, 0.0), (3.0, 12.0, 0.0)],
+)
+def test_back_emf_limits_only_a_torque_that_drives(wheel: Path, command: float, speed: float, delivered: float) -> None:
+    assert torque_at(wheel, command, BackEmfLimit("hinge", 4.0, 10.0), dq=speed) == pytest.approx(delivered, abs=1e-9)
+
+
+@pytest.mark.parametrize(("signal", "at"), [("q", 0.4), ("dq", -0.8), ("command", 3.0)])
+def test_an_unknown_torque_is_straight_between_its_points_and_flat_beyond(wheel: Path, signal: str, at: float) -> None:
+    curve = UnknownTorque("hinge", signal, (-0.5, 0.5, 2.0), (-1.0, 3.0, 0.0))
+    assert torque_at(wheel, 3.0, curve, q=0.4, dq=-0.8) == pytest.approx(3.0 + np.interp(at, curve.at, curve.torque))
+
+
+def test_position_servo_pulls_to_the_target_at_its_own_period(wheel: Path) -> None:
+    servo = PositionServo("hinge", 8.0, 0.5, 0.005)
+    assert torque_at(wheel, 0.3, servo, q=0.1, dq=0.7) == pytest.approx(8.0 * (0.3 - 0.1) - 0.5 * 0.7)
+    q, dq = spin(wheel, np.full(20, 0.3), servo)
+    renewed = 8.0 * (0.3 - np.append(0.0, q)[:-1:5]) - 0.5 * np.append(0.0, dq)[:-1:5]
+    assert np.diff(dq, prepend=0.0) / STEP * INERTIA == pytest.approx(np.repeat(renewed, 5))
+
+
+@pytest.mark.parametrize("damping", [0.1, 1.0])
+def test_viscous_friction_decays_exponentially(wheel: Path, damping: float) -> None:
+    _, dq = spin(wheel, np.zeros(500), ViscousFriction("hinge", damping), dq=2.0)
+    assert dq == pytest.approx(2.0 * np.exp(-damping / INERTIA * np.arange(1, 501) * STEP), rel=0.002)
+
+
+def test_air_drag_slows_hyperbolically(wheel: Path) -> None:
+    assert torque_at(wheel, 1.0, AirDrag("hinge", 0.2), dq=-3.0) == pytest.approx(1.0 + 0.2 * 9.0)
+    _, dq = spin(wheel, np.zeros(500), AirDrag("hinge", 0.2), dq=2.0)
+    assert dq == pytest.approx(2.0 / (1 + 2.0 * 0.2 / INERTIA * np.arange(1, 501) * STEP), rel=0.002)
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_coulomb_friction_brakes_evenly_and_then_holds(wheel: Path, substeps: int) -> None:
+    friction, command = CoulombFriction("hinge", 1.5), 0.3
+    q, dq = spin(wheel, np.full(1000 // substeps, command), friction, dq=1.0, substeps=substeps)
+    time = np.arange(1, len(dq) + 1) * STEP * substeps
+    assert dq == pytest.approx(np.maximum(0.0, 1.0 - (1.5 - command) / INERTIA * time), abs=1e-9)
+    stuck = time > INERTIA / (1.5 - command) + STEP
+    assert dq[stuck] == pytest.approx(0.0, abs=1e-12)
+    assert np.ptp(q[stuck]) < 1e-12
+
+
+@given(st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=20)
+def test_coulomb_friction_yields_to_more_than_its_torque(wheel: Path, command: float) -> None:
+    over = math.copysign(max(0.0, abs(command) - 1.5), command)
+    assert torque_at(wheel, command, CoulombFriction("hinge", 1.5)) == pytest.approx(over, abs=1e-9)
+
+
+def test_coulomb_friction_holds_an_arm_against_its_weight(arm: Path) -> None:
+    world = World(arm, timestep=STEP, iterations=50, effects=[CoulombFriction("shoulder", 14.0), CoulombFriction("elbow", 6.0)])
+    start = [0.6, 0.3]
+    assert (np.abs(world.inverse_dynamics(start, [0.0, 0.0], [0.0, 0.0])) < (14.0, 6.0)).all()
+    world.set_state(start, [0.0, 0.0])
+    world.roll(np.zeros((1000, 2)))
+    assert world.q == pytest.approx(start, abs=1e-4)
+
+
+def friction_curve(speed: float) -> float:
+    return 0.8 + (2.0 - 0.8) * math.exp(-((speed / 0.5) ** 2))
+
+
+@given(st.floats(-3.0, 3.0).filter(lambda speed: abs(speed) > 0.02))
+@settings(deadline=None, max_examples=20)
+def test_stribeck_friction_falls_with_speed(wheel: Path, speed: float) -> None:
+    stribeck = StribeckFriction("hinge", 0.8, 2.0, 0.5)
+    assert torque_at(wheel, 0.2, stribeck, dq=speed) == pytest.approx(0.2 - math.copysign(friction_curve(speed), speed))
+    assert torque_at(wheel, 1.9, stribeck) == pytest.approx(0.0, abs=1e-9)
+    assert torque_at(wheel, 2.5, stribeck) == pytest.approx(0.5)
+
+
+def test_load_friction_grows_with_the_motors_torque_alone(wheel: Path) -> None:
+    gear = LoadFriction("hinge", 0.3)
+    assert torque_at(wheel, -3.0, gear, dq=1.0) == pytest.approx(-3.0 - 0.9)
+    assert torque_at(wheel, 3.0, gear, dq=1.0) == pytest.approx(3.0 - 0.9)
+    assert torque_at(wheel, 0.0, gear, dq=1.0) == pytest.approx(0.0)
+    assert torque_at(wheel, 3.0, TorqueGain("hinge", 0.5), gear, JointSpring("hinge", 8.0), q=0.4, dq=1.0) == pytest.approx(1.5 - 0.45 - 3.2)
+
+
+def test_all_dry_frictions_of_a_joint_add_up(wheel: Path) -> None:
+    installed = CoulombFriction("hinge", 0.5), StribeckFriction("hinge", 0.8, 2.0, 0.5), LoadFriction("hinge", 0.1)
+    assert torque_at(wheel, 5.0, *installed, dq=1.0) == pytest.approx(5.0 - 0.5 - friction_curve(1.0) - 0.5)
+    assert torque_at(wheel, 1.0, CoulombFriction("hinge", 0.5), CoulombFriction("hinge", 0.2), dq=1.0) == pytest.approx(1.0 - 0.7)
+
+
+@pytest.mark.parametrize("motor", [0.06, 0.6, 3.0])
+def test_an_elastic_joint_swings_against_its_motor(wheel: Path, motor: float) -> None:
+    stiffness, step = 400.0, 1e-4
+    _, dq = spin(wheel, [0.6 / step] + [0.0] * 5000, JointElasticity("hinge", stiffness, 0.0, motor), timestep=step)
+    rate = math.sqrt(stiffness * (1 / INERTIA + 1 / motor))
+    swung = 0.6 / (INERTIA + motor)
+    assert dq == pytest.approx(swung * (1 - np.cos(rate * np.arange(5001) * step)), abs=0.15 * swung)
+    first = np.flatnonzero((dq[:-1] < swung) & (dq[1:] >= swung))
+    assert np.diff(first) * step == pytest.approx(2 * math.pi / rate, rel=0.01)
+
+
+def test_an_elastic_joint_winds_up_in_proportion_to_the_torque() -> None:
+    elastic, hidden = JointElasticity("hinge", 50.0, 2.0, 0.1), Hidden(STEP)
+    for _ in range(3000):
+        command = [4.0]
+        elastic.actuate(command, 0, [0.2], [0.0], hidden)
+    assert command == pytest.approx([4.0])
+    assert hidden.state[0] == pytest.approx(0.2 + 4.0 / 50.0)
+
+
+@pytest.mark.parametrize("share", [0.01, 1.0, 30.0])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        lambda inertia: Backlash("hinge", 0.05, inertia),
+        lambda inertia: JointElasticity("hinge", 1e3, 5.0, inertia),
+        lambda inertia: JointElasticity("hinge", 1e7, 1e4, inertia),
+    ],
+)
+def test_a_motor_of_any_inertia_ends_up_turning_with_the_joint(wheel: Path, kind: Any, share: float) -> None:
+    _, dq = spin(wheel, np.full(2000, 1.0), kind(share * INERTIA))
+    assert dq[-1] == pytest.approx(1.0 * 2000 * STEP / (INERTIA * (1 + share)), rel=0.01)
+
+
+def test_backlash_leaves_the_joint_alone_until_the_play_is_crossed(wheel: Path) -> None:
+    width, motor, torque = 0.04, 0.06, 0.5
+    _, dq = spin(wheel, [torque] * 300 + [-torque] * 300, Backlash("hinge", width, motor))
+    # The motor starts in the middle.
+    met = math.sqrt(width * motor / torque)
+    time = np.arange(1, 601) * STEP
+    assert (dq[time < met - 2 * STEP] == 0).all()
+    pushed = (time > met + 0.02) & (time < 0.3)
+    assert dq[pushed] == pytest.approx(torque * time[pushed] / (INERTIA + motor), rel=0.01)
+    # From end to end it coasts, and both ends meet at twice the distance's time.
+    crossed = math.sqrt(2 * width * motor / torque)
+    coasting = (time > 0.3 + 2 * STEP) & (time < 0.3 + crossed - 2 * STEP)
+    assert coasting.sum() > 50
+    assert np.ptp(dq[coasting]) == 0
+    together = time > 0.3 + crossed + 0.02
+    assert dq[together] == pytest.approx((torque * (0.6 - time[together])) / (INERTIA + motor), abs=0.003)
+
+
+def test_armature_adds_to_the_wheels_inertia(wheel: Path) -> None:
+    assert torque_at(wheel, 3.0, Armature("hinge", 1.2)) == pytest.approx(3.0 / 3.0)
+
+
+@pytest.mark.parametrize("inertia", [0.01, 0.3, 5.0])
+def test_armature_changes_its_own_entry_of_the_mass_matrix_alone(arm: Path, inertia: float) -> None:
+    bare, geared = World(arm, timestep=STEP), World(arm, timestep=STEP, iterations=50, effects=[Armature("shoulder", inertia), Armature("elbow", 2 * inertia)])
+    rng = np.random.default_rng(0)
+    for q, dq, torque in rng.uniform(-2, 2, (10, 3, 2)):
+        mass = bare.mass_matrix(q) + np.diag([inertia, 2 * inertia])
+        assert geared.mass_matrix(q) == pytest.approx(mass)
+        geared.set_state(q, dq)
+        geared.step(torque.tolist())
+        expected = np.linalg.solve(mass, torque - bare.inverse_dynamics(q, dq, [0.0, 0.0]))
+        assert (geared.dq - dq) / STEP == pytest.approx(expected, rel=1e-3)
+
+
+def rod(world: World, q: float) -> tuple[float, float]:
+    """Inertia about the arm's elbow, and the torque there that holds the lower rod at `q`, the upper one hanging down."""
+    return float(world.mass_matrix([0.0, q])[1, 1]), float(world.inverse_dynamics([0.0, q], [0.0, 0.0], [0.0, 0.0])[1])
+
+
+@given(st.floats(0.0, 5.0), st.floats(-1.0, 1.0), st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=20)
+def test_payload_is_a_point_mass_on_the_line_to_the_centre(arm: Path, mass: float, distance: float, q: float) -> None:
+    inertia, torque = rod(World(arm, timestep=STEP, effects=[Payload("lower", mass, distance)]), q)
+    assert inertia == pytest.approx(CENTRAL + MASS * ARM**2 + mass * distance**2)
+    assert torque == pytest.approx((MASS * ARM + mass * distance) * G * math.sin(q), abs=1e-9)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=20)
+def test_com_offset_moves_the_weight_along_the_links_axes(arm: Path, x: float, y: float, z: float, q: float) -> None:
+    inertia, torque = rod(World(arm, timestep=STEP, effects=[ComOffset("lower", x, y, z)]), q)
+    assert inertia == pytest.approx(CENTRAL + MASS * (x**2 + (z - ARM) ** 2))
+    assert torque == pytest.approx(-MASS * G * (x * math.cos(q) + (z - ARM) * math.sin(q)), abs=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.5, 3.0])
+def test_inertia_scale_leaves_the_mass_alone(arm: Path, factor: float) -> None:
+    inertia, torque = rod(World(arm, timestep=STEP, effects=[InertiaScale("lower", factor)]), 0.7)
+    assert inertia == pytest.approx(factor * CENTRAL + MASS * ARM**2)
+    assert torque == pytest.approx(MASS * G * ARM * math.sin(0.7))
+
+
+@given(st.tuples(*[st.floats(-20.0, 20.0)] * 3), st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=20)
+def test_gravity_pulls_along_its_vector(arm: Path, vector: tuple[float, float, float], q: float) -> None:
+    world = World(arm, timestep=STEP, gravity=1.62, effects=[Gravity("world", vector)])
+    assert rod(world, q)[1] == pytest.approx(MASS * ARM * (vector[0] * math.cos(q) - vector[2] * math.sin(q)), abs=1e-9)
+    world.set_state([0.0, q], [0.0, 0.0])
+    world.step(world.inverse_dynamics([0.0, q], [0.0, 0.0], [0.0, 0.0]).tolist())
+    assert world.dq == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.tuples(*[st.floats(-20.0, 20.0)] * 3), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=20)
+def test_an_external_force_is_balanced_by_its_levers(arm: Path, force: tuple[float, float, float], shoulder: float, elbow: float) -> None:
+    world = World(arm, timestep=STEP, gravity=0.0, effects=[ExternalForce("lower", force), ExternalForce("upper", (1.0, 2.0, 3.0))])
+    out, up = -math.sin(shoulder), -math.cos(shoulder)
+    out_of_elbow, up_of_elbow = -ARM * math.sin(shoulder + elbow), -ARM * math.cos(shoulder + elbow)
+    # A force (x, z) at (x, z) of a hinge along y turns it by z F_x - x F_z.
+    bent = up_of_elbow * force[0] - out_of_elbow * force[2]
+    lifted = LENGTH * (up * force[0] - out * force[2]) + bent + ARM * (up * 1.0 - out * 3.0)
+    held = world.inverse_dynamics([shoulder, elbow], [0.0, 0.0], [0.0, 0.0])
+    assert held == pytest.approx([-lifted, -bent], abs=1e-9)
+    world.set_state([shoulder, elbow], [0.0, 0.0])
+    world.step(held.tolist())
+    assert world.dq == pytest.approx(0.0, abs=1e-9)
+
+
+def test_sensors_tell_another_motion_than_the_true_one(wheel: Path) -> None:
+    world = World(wheel, timestep=STEP, substeps=2, effects=[SensorScale("hinge", 1.5), SensorBias("hinge", 0.1)])
+    bare = World(wheel, timestep=STEP, substeps=2)
+    for moved in (world, bare):
+        moved.set_state([0.2], [0.4])
+        moved.step([3.0])
+    assert (world.q, world.dq) == (bare.q, bare.dq)
+    assert np.concatenate(world.read()) == pytest.approx(np.concatenate((1.5 * bare.q + 0.1, 1.5 * bare.dq)))
+    assert np.concatenate(bare.read()).tolist() == [*bare.q, *bare.dq]
+
+
+@given(st.floats(0.0, 0.06))
+@settings(deadline=None, max_examples=20)
+def test_sensor_delay_reads_the_past(wheel: Path, seconds: float) -> None:
+    world = World(wheel, timestep=STEP, substeps=5, effects=[SensorDelay("hinge", seconds)])
+    world.set_state([0.2], [0.4])
+    for count in range(1, 11):
+        world.step([3.0])
+        then = count * 5 * STEP - seconds
+        pushed = max(0.0, then)
+        q, dq = world.read()
+        # Before the start the motion went on as at the start.
+        assert q == pytest.approx([0.2 + 0.4 * then + 3.0 / INERTIA * pushed**2 / 2], abs=3.0 / INERTIA * STEP * 0.06)
+        assert dq == pytest.approx([0.4 + 3.0 / INERTIA * pushed], abs=0.02)
+
+
+def test_sensors_read_many_motions_as_one() -> None:
+    for name in ("sensor_bias", "sensor_delay", "sensor_scale"):
+        q, dq = np.random.default_rng(0).normal(size=(2, 4, 30, 3))
+        alone = [(q[row].copy(), dq[row].copy()) for row in range(4)]
+        example(name).sense(q, dq, 1, 0.004)
+        for row, (own_q, own_dq) in enumerate(alone):
+            example(name).sense(own_q, own_dq, 1, 0.004)
+            assert np.array_equal(q[row], own_q)
+            assert np.array_equal(dq[row], own_dq)
+
+
 def test_mass_scale_of_the_cart_changes_its_acceleration() -> None:
     factor, force = 3.0, 50.0
     world = World(MODELS / "inverted_pendulum.urdf", timestep=STEP, gravity=0.0, effects=[MassScale("cart", factor)])
@@ -279,31 +559,24 @@ def test_many_motions_at_once_are_as_one(name: str) -> None:
         effect.actuate(many, 1, q, dq, hidden)
         for one, position, velocity, own in zip(ones, q.T.tolist(), dq.T.tolist(), each, strict=True):
             effect.actuate(one, 1, position, velocity, own)
-        assert many.T == pytest.approx(np.array(ones), rel=1e-12)
+        assert np.allclose(many.T, ones, rtol=1e-12, atol=1e-12)
         rub = effect.friction(many, 1, q, dq)
         alone = [effect.friction(one, 1, position, velocity) for one, position, velocity in zip(ones, q.T.tolist(), dq.T.tolist(), strict=True)]
         assert (rub is None and set(alone) == {None}) or np.broadcast_to(rub, 20) == pytest.approx(np.array(alone, float), rel=1e-12)
 
 
-def test_recall_gives_effects_the_hidden_state_of_the_real_run() -> None:
-    rng = np.random.default_rng(0)
-    for name, kind in CATALOGUE.items():
-        if kind.on != "joint":
-            continue
-        real, later = (ROBOTS["hopper"].world([example(name)]) for _ in range(2))
-        commands = rng.uniform(-1, 1, (30, 6)) * ([0, 0, 0, 80, 80, 80] if name != "position_servo" else [0, 0, 0, 1, 0, 0])
-        real.set_state([0.0, 3.0, 0.1, -0.5, -0.6, 0.1], np.full(6, 0.2))
-        past: list[tuple[np.ndarray, np.ndarray]] = []
-        for command in commands[:20]:
-            # Only what is recorded of physics steps can be recalled.
-            real.substeps = 1
-            past.append((real.q, real.dq))
-            real.step(command.tolist())
-        later.substeps = 1
-        later.set_state(real.q, real.dq)
-        later.recall(commands[:20], *map(np.array, zip(*past, strict=True)))
-        for mine, other in zip(real.roll(commands[20:]), later.roll(commands[20:]), strict=True):
-            assert mine == pytest.approx(other, abs=1e-9), name
+@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.on == "joint"])
+def test_recall_gives_an_effect_the_hidden_state_of_the_real_run(arm: Path, name: str) -> None:
+    real, later = (World(arm, timestep=STEP, effects=[example(name, "shoulder")]) for _ in range(2))
+    commands, past = np.random.default_rng(0).uniform(-5, 5, (60, 2)), []
+    real.set_state([0.1, 0.2], [0.3, -0.4])
+    for command in commands[:41]:
+        past.append((real.q, real.dq))
+        real.step(command.tolist())
+    later.set_state(real.q, real.dq)
+    later.recall(commands[:41], *map(np.array, zip(*past, strict=True)))
+    for ours, other in zip(real.roll(commands[41:]), later.roll(commands[41:]), strict=True):
+        assert ours == pytest.approx(other, abs=1e-9)
 
 
 @settings(deadline=None)

@@ -13,8 +13,22 @@ import pybullet as bullet
 import pytest
 
 from mpge_bench.envs import ROBOTS
-from mpge_bench.envs.effects import MassScale, TorqueGain
+from mpge_bench.envs.effects import (
+    Armature,
+    ComOffset,
+    CoulombFriction,
+    ExternalForce,
+    Gravity,
+    InertiaScale,
+    JointSpring,
+    Lag,
+    MassScale,
+    Payload,
+    SensorDelay,
+    TorqueGain,
+)
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.robot import MODELS, Robot
 from mpge_bench.envs.world import World
 
@@ -33,6 +47,35 @@ def pole(folder: Path, *, damping: float = 0.0) -> Path:
         f'<parent link="world"/><child link="pole"/><axis xyz="0 1 0"/><dynamics damping="{damping}" friction="0"/></joint></robot>'
     )
     return path
+
+
+def chain(folder: Path, seed: int, joints: int = 3) -> Path:
+    """A model of `joints` random joints in a row, of which the second slides, with turned frames, oblique axes and turned inertias; the base has mass too."""
+    rng = np.random.default_rng(seed)
+    links, hinges = [], []
+    for index in range(joints + 1):
+        turn, axes = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(0.02, 0.03, 3)
+        inertia = turn @ np.diag(axes) @ turn.T
+        keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+        values = " ".join(f'{key}="{inertia[at]}"' for key, at in keys.items())
+        links.append(
+            f'<link name="link{index}"><inertial><origin xyz="{_numbers(rng, 0.3)}" rpy="{_numbers(rng, 3)}"/><mass value="{rng.uniform(0.5, 2)}"/>'
+            f"<inertia {values}/></inertial></link>"
+        )
+    for index in range(joints):
+        kind = "prismatic" if index == 1 else "continuous"
+        hinges.append(
+            f'<joint name="joint{index}" type="{kind}"><parent link="link{index}"/><child link="link{index + 1}"/><axis xyz="{_numbers(rng, 1)}"/>'
+            f'<origin xyz="{_numbers(rng, 0.4)}" rpy="{_numbers(rng, 3)}"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+        )
+    path = folder / "chain.urdf"
+    path.write_text(f'<robot name="chain">{"".join(links + hinges)}</robot>')
+    return path
+
+
+def _numbers(rng: np.random.Generator, most: float) -> str:
+    values = rng.uniform(-most, most, 3)
+    return " ".join(str(value) for value in (values / np.linalg.norm(values) if most == 1 else values))
 
 
 def motions(robot: Robot, count: int) -> list[tuple[np.ndarray, np.ndarray, list[float]]]:
@@ -183,6 +226,95 @@ def test_a_command_is_held_over_all_substeps(tmp_path: Path) -> None:
     assert world.dq[0] == pytest.approx(3.0 / INERTIA * 8e-3)
 
 
+CHANGES = {
+    "bare": [],
+    "bodies": [Payload("link2", 0.7, 0.6), ComOffset("link1", 0.1, 0.1, -0.1), InertiaScale("link3", 2.0), MassScale("link2", 1.4)],
+    "surroundings": [Gravity("world", (3.0, 1.0, -5.0)), ExternalForce("link3", (3.0, -4.0, 5.0)), ExternalForce("link1", (1.0, 2.0, 0.0))],
+    "rotors": [Armature("joint0", 0.02), Armature("joint1", 0.5), Armature("joint2", 0.01)],
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_equations_of_motion_are_those_of_a_step(tmp_path: Path, seed: int, change: str) -> None:
+    world = World(chain(tmp_path, seed), timestep=1e-3, gravity=(1.0, 2.0, -9.0), iterations=200, effects=CHANGES[change])
+    for q, dq, torque in np.random.default_rng(seed).uniform(-2, 2, (10, 3, 3)):
+        world.set_state(q, dq)
+        world.step(torque.tolist())
+        ddq = (world.dq - dq) / world.timestep
+        mass = world.mass_matrix(q)
+        assert mass == pytest.approx(mass.T, abs=1e-12)
+        assert (np.linalg.eigvalsh(mass) > 0).all()
+        assert world.inverse_dynamics(q, dq, ddq) == pytest.approx(torque, abs=1e-5)
+        assert mass @ ddq + world.inverse_dynamics(q, dq, [0.0] * 3) == pytest.approx(torque, abs=1e-5)
+
+
+def test_armature_enters_the_equations_of_motion(tmp_path: Path) -> None:
+    model = chain(tmp_path, 0)
+    bare, geared = World(model, timestep=1e-3), World(model, timestep=1e-3, iterations=200, armature={"joint0": 0.05, "joint2": 0.02})
+    for q, dq, torque in np.random.default_rng(0).uniform(-2, 2, (10, 3, 3)):
+        # What remains is the coupling of a rotor's spin with the motion of the link it sits on: a tenth of it.
+        assert np.abs(geared.mass_matrix(q) - bare.mass_matrix(q) - np.diag([0.05, 0.0, 0.02])).max() < 0.1 * 0.05
+        geared.set_state(q, dq)
+        geared.step(torque.tolist())
+        assert geared.inverse_dynamics(q, dq, (geared.dq - dq) / 1e-3) == pytest.approx(torque, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gravity_is_a_force_on_each_centre_of_mass(tmp_path: Path, seed: int) -> None:
+    model, gravity = Model(chain(tmp_path, seed)), np.array([1.0, 2.0, -9.0])
+    heavy = World(model, timestep=1e-3, gravity=gravity.tolist())
+    forces = [ExternalForce(link, tuple(model.inertial(link)[0] * gravity)) for link in model.moving_links()]
+    pulled = World(model, timestep=1e-3, gravity=0.0, effects=forces)
+    for q, dq, ddq in np.random.default_rng(seed).uniform(-2, 2, (10, 3, 3)):
+        assert pulled.inverse_dynamics(q, dq, ddq) == pytest.approx(heavy.inverse_dynamics(q, dq, ddq), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_inertial_read_and_written_back_changes_nothing(tmp_path: Path, seed: int) -> None:
+    model = Model(chain(tmp_path, seed))
+    written = model.copy()
+    for link in model.links:
+        written.set_inertial(link, *model.inertial(link))
+        for before, after_it in zip(model.inertial(link), written.inertial(link), strict=True):
+            assert after_it == pytest.approx(before, abs=1e-15)
+    assert written.text() != model.text()
+    first, second = World(model, timestep=1e-3), World(written, timestep=1e-3)
+    for q, dq, ddq in np.random.default_rng(seed).uniform(-2, 2, (10, 3, 3)):
+        assert second.mass_matrix(q) == pytest.approx(first.mass_matrix(q), abs=1e-9)
+        assert second.inverse_dynamics(q, dq, ddq) == pytest.approx(first.inverse_dynamics(q, dq, ddq), abs=1e-9)
+
+
+def test_the_models_gravity_is_a_number_along_z_or_a_vector(tmp_path: Path) -> None:
+    model = pole(tmp_path)
+    down, tilted = World(model, timestep=1e-3), World(model, timestep=1e-3, gravity=[G, 0.0, 0.0])
+    for q in (-1.0, 0.2, 2.0):
+        assert down.inverse_dynamics([q], [0.0], [0.0]) == pytest.approx([MASS * G * ARM * np.sin(q)])
+        assert tilted.inverse_dynamics([q], [0.0], [0.0]) == pytest.approx([MASS * G * ARM * np.cos(q)])
+
+
+@pytest.mark.parametrize("effects", [[], [Lag("hinge", 0.02), JointSpring("hinge", 8.0)], [CoulombFriction("hinge", 0.5)], [SensorDelay("hinge", 0.01)]])
+def test_roll_is_many_steps(tmp_path: Path, effects: list[Any]) -> None:
+    commands = np.random.default_rng(0).uniform(-3, 3, (40, 1))
+    stepped, rolled = (World(pole(tmp_path), timestep=1e-3, substeps=3, effects=effects) for _ in range(2))
+    motion = []
+    for world in (stepped, rolled):
+        world.set_state([0.3], [-0.2])
+    for command in commands:
+        stepped.step(command.tolist())
+        motion.append((stepped.q, stepped.dq))
+    for ours, other in zip(rolled.roll(commands), zip(*motion, strict=True), strict=True):
+        assert ours.tolist() == np.array(other).tolist()
+    assert np.concatenate(rolled.read()).tolist() == np.concatenate(stepped.read()).tolist()
+
+
+def test_a_fast_wheel_stays_fast(tmp_path: Path) -> None:
+    world = World(pole(tmp_path), timestep=1e-3, gravity=0.0)
+    world.set_state([0.0], [500.0])
+    world.step([INERTIA * 10])
+    assert world.dq == pytest.approx([500.01])
+
+
 @pytest.mark.parametrize(
     ("q", "dq", "says"),
     [
@@ -209,6 +341,8 @@ def test_set_state_refuses_what_is_no_state(q: Any, dq: Any, says: str) -> None:
         ({"effects": [TorqueGain("elbow", 0.5)]}, "torque_gain: no joint 'elbow'.* slider, hinge"),
         ({"effects": [MassScale("forearm", 0.5)]}, "no link 'forearm'.* cart, pole"),
         ({"effects": [MassScale("world", 0.5)]}, "no link 'world'"),
+        ({"effects": [ExternalForce("world", (1.0, 0.0, 0.0))]}, "no link 'world'"),
+        ({"effects": [SensorDelay("elbow", 0.5)]}, "sensor_delay: no joint 'elbow'"),
         ({"armature": {"elbow": 1.0}}, "joint elbow, which the model has not"),
     ],
 )
