@@ -63,6 +63,7 @@ class Model:
         if self._root.tag != "robot":
             raise UserError(f"{path}: not a URDF or MJCF file (its outermost element is <{self._root.tag}>, not <robot> or <mujoco>)")
         self._check()
+        self._make_exact()
         for link in self._root.findall("link"):
             if link.find("inertial") is None:  # PyBullet would make it 1 kg and 1 kg m².
                 _add_massless(link)
@@ -277,6 +278,31 @@ class Model:
         for name in self.joints:
             if name not in moving:
                 raise UserError(f"{self.path}: joint {name!r} carries no mass; give the link it moves an inertial, or make the joint fixed")
+
+    def _make_exact(self) -> None:
+        """Rescale axes to length 1, and mend inertias that rounding has made impossible: Bullet takes the ones as they are, and the others for none."""
+        for joint in self._root.findall("joint"):
+            axis = joint.find("axis")
+            if axis is None or joint.get("type") == "fixed":
+                continue
+            vector = _vector(axis, "xyz", "1 0 0")
+            length = float(np.linalg.norm(vector))
+            if vector.shape != (3,) or not 0 < length < math.inf:
+                raise UserError(f"{self.path}: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; give three numbers that are not all 0")
+            if abs(length - 1) > 1e-12:
+                axis.set("xyz", " ".join(repr(float(value)) for value in vector / length))
+        for link in self.links:
+            mass, centre, inertia = self.inertial(link)
+            least, middle, most = np.linalg.eigvalsh(inertia)
+            beyond = max(most - least - middle, -least)
+            if beyond > 0.01 * most:
+                raise UserError(
+                    f"{self.path}: link {link!r} has principal moments of inertia {least:.4g}, {middle:.4g} and {most:.4g} kg m², which no body can have:"
+                    " none is negative and none exceeds the sum of the other two"
+                )
+            # A point mass has none, which Bullet accepts.
+            if most > 0 and beyond > -1e-9 * most:
+                self.set_inertial(link, mass, centre, inertia + (beyond + 1e-8 * most) * np.eye(3))
 
     def _base(self) -> str:
         children = {joint.find("child").attrib["link"] for joint in self._root.findall("joint")}  # type: ignore[union-attr]

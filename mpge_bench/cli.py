@@ -221,8 +221,7 @@ def simulate(
     import numpy as np
     import pandas as pd
 
-    from mpge_bench.diagnosis.record import write_table
-    from mpge_bench.diagnosis.recording import read_recording
+    from mpge_bench.diagnosis.recording import read_recording, write_table
     from mpge_bench.diagnosis.rig import read_rig
     from mpge_bench.diagnosis.simulator import simulate as predict
 

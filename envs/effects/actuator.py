@@ -131,7 +131,7 @@ class TorqueBias(Effect):
 
 @dataclass(frozen=True)
 class Lag(Effect):
-    """The motor follows the command as a first-order system of `time_constant`, from rest."""
+    """The motor follows the command as a first-order system of `time_constant`, settled at the first command it gets."""
 
     time_constant: float
 
@@ -143,7 +143,7 @@ class Lag(Effect):
     place = 50
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        reached = 0.0 if hidden.state is None else hidden.state
+        reached = command[joint] if hidden.state is None else hidden.state
         share = 1.0 if self.time_constant <= 0 else -math.expm1(-hidden.timestep / self.time_constant)
         hidden.state = command[joint] = reached + share * (command[joint] - reached)
 

@@ -22,7 +22,7 @@ from scipy.linalg import expm
 from mpge_bench.diagnosis.dynamics import Tree, body_parameters
 from mpge_bench.diagnosis.motion import WARM_UP, Motion, between
 from mpge_bench.diagnosis.rig import Rig
-from mpge_bench.envs.effects import Armature, Effect, Hidden
+from mpge_bench.envs.effects import Armature, Delay, Effect, Hidden
 from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
@@ -74,10 +74,15 @@ class Windows:
 
 
 def windows_of(motion: Motion, horizon: float) -> Windows:
-    """Windows of `horizon` s one after another, as many as there are in full."""
+    """Windows of `horizon` s one after another, as many as there are in full.
+
+    The first begins some way into the recording, where that is long enough: what hidden states were at its start nobody knows.
+    """
     period = float(np.median(motion.intervals()[motion.intervals() > 0]))
     length = int(max(5, min(round(horizon / period), motion.rows.min() - 1)))
-    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(0, int(rows) - length, length)]
+    skipped = round(WARM_UP / period)
+    first = skipped if motion.rows.min() > skipped + 3 * length else 0
+    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length)]
     recording, start = np.array(pairs).T
     return Windows(recording, start, length)
 
@@ -362,7 +367,7 @@ class Search:
         q[:, warm:], dq[:, warm:] = between(self.state[:, :-1], self.state[:, 1:], intervals, steps)
         rest = (earlier < 0)[..., None, None]
         servo = np.array([linear.rig.modes[joint] == "position" for joint in linear.rig.joints])
-        self._u = np.where(rest, np.where(servo, q[:, :1, :1], 0.0), motion.u[at, clipped])
+        self._u = motion.u[at, clipped]
         self._q = np.where(rest, q[:, :, :1], q)
         self._dq = np.where(rest, 0.0, dq)
         self._warm = warm
@@ -377,6 +382,34 @@ class Search:
         if not any(type(effect).friction is not Effect.friction for effect, _ in chain):
             return None
         return self.project(self.propagate(self.torques(effects, LEAD) - self.torques(effects)))
+
+    def later(self, effects: Sequence[Effect]) -> list[Array]:
+        """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""
+        slow = {effect.target for effect in self.linear.rig.chain(effects) if effect.remembers}
+        slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
+        now = self.torques(effects) if slow else None
+        return [self.project(self.propagate(self.torques([*effects, Delay(joint, self.linear.rig.timestep)]) - now)) for joint in sorted(slow)]
+
+    def curve(self, joint: int, signal: str, knots: Array) -> Array:
+        """Changes of the prediction, projected, by the hat functions over `knots` of a joint's q, dq or command as torques on it.
+
+        Returns:
+            Shape (knots, windows, rows * 2 j).
+        """
+        u, q, dq = self._histories(False)
+        values = {"q": q, "dq": dq, "command": u}[signal][joint]
+        steps = self.linear.motion.u.shape[2]
+        forcing = np.zeros((*self.delivered.shape,))
+        found = []
+        for one in np.eye(len(knots)):
+            forcing[..., joint] = np.interp(values, knots, one).reshape(len(values), -1, steps).mean(-1)
+            found.append(self.project(self.propagate(forcing)))
+        return np.array(found)
+
+    def range_of(self, joint: int, signal: str) -> Array:
+        """Values of the signal at all rows of all windows."""
+        u, q, dq = self._histories(False)
+        return {"q": q, "dq": dq, "command": u}[signal][joint].ravel()
 
     def torques(self, effects: Sequence[Effect], lead: float = 0.0) -> Array:
         """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints)."""

@@ -16,6 +16,7 @@ import yaml
 
 from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.progress import Progress, Silent
+from mpge_bench.diagnosis.recording import write_table
 from mpge_bench.diagnosis.rig import Rig, read_rig
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
@@ -111,7 +112,7 @@ def record(
                 if size:
                     table[columns] += size * noise.standard_normal((len(table), len(columns)))
             name = f"episode_{episode:0{max(2, len(str(settings.episodes - 1)))}d}.{settings.format}"
-            _write(table, partial / name)
+            write_table(table, partial / name)
             tables[out / name] = table
             progress.advance(len(table))
         written = sorted(partial.iterdir())
@@ -138,29 +139,6 @@ def random_actions(robot: Robot, steps: int, rng: np.random.Generator) -> Array:
     waves = np.sin(2 * np.pi * hertz * robot.dt * np.arange(steps)[:, None] + phase).sum(0)
     actions: Array = np.clip(_SIZE * np.sqrt(2 / _SINES) * waves, -1.0, 1.0) * robot.action_limit
     return actions
-
-
-def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write `table` to a CSV (or, by its name, Parquet) file, with all digits, whole or not at all.
-
-    Raises:
-        UserError: if the file cannot be written.
-    """
-    partial = path.with_name(f".{path.name}.partial{path.suffix}")
-    try:
-        _write(table, partial)
-        partial.replace(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another file with --out") from error
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _write(table: pd.DataFrame, path: Path) -> None:
-    if path.suffix.lower() in (".parquet", ".pq"):
-        table.to_parquet(path, index=False)
-    else:
-        table.to_csv(path, index=False)
 
 
 def _write_rig(settings: RecordSettings, robot: Robot, folder: Path) -> Rig:

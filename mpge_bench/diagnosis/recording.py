@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.envs.effects import PositionServo
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -21,6 +22,7 @@ Array = npt.NDArray[np.float64]
 #: Least length of a recording, s, and least number of rows.
 SHORTEST = 0.3
 FEWEST_ROWS = 30
+_PARQUET = (".parquet", ".pq")
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,25 @@ def read_recording(path: Path, rig: Rig) -> Recording:
     )
 
 
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write `table` to a CSV or, by its name, Parquet file, with all digits, whole or not at all.
+
+    Raises:
+        UserError: if the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        if path.suffix.lower() in _PARQUET:
+            table.to_parquet(partial, index=False)
+        else:
+            table.to_csv(partial, index=False)
+        partial.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror or error}); choose another place with --out") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def read_recordings(paths: Sequence[Path], rig: Rig) -> list[Recording]:
     """The recordings, checked together: motion, units.
 
@@ -154,18 +175,25 @@ def _over_velocity(recording: Recording, column: int) -> float:
 
 
 def _too_fast(recording: Recording, rig: Rig, column: int) -> bool:
-    """Whether the recorded accelerations need torques an order of magnitude beyond command, gravity and what motion itself asks for, and fewer in radians."""
+    """Whether the motion lacks torques beside what commands and gravity can do, but hardly any if its angles are turned from degrees into radians."""
     from mpge_bench.diagnosis.motion import differentiate
 
-    q, dq, ddq = differentiate(recording)
-    world = rig.world()
-    every = max(1, len(q) // 300)
-    needed, fewer = [], []
-    for row in range(0, len(q), every):
-        given = recording.u[row] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(rig.joints))
-        needed.append((world.inverse_dynamics(q[row], dq[row], ddq[row]) - given)[column])
-        fewer.append((world.inverse_dynamics(np.radians(q[row]), np.radians(dq[row]), np.radians(ddq[row])) - given)[column])
-    return float(np.std(needed)) > 5 * float(np.std(fewer))
+    motion = np.stack(differentiate(recording), 1)
+    turned = np.where([rig.model.is_prismatic(joint) for joint in rig.joints], 1.0, np.pi / 180) * motion
+    world, still = rig.world(), np.zeros(len(rig.joints))
+    servo = next((effect for effect in rig.nominal if isinstance(effect, PositionServo) and effect.target == rig.joints[column]), None)
+    given = recording.u[:, column] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(motion))
+    rows = range(0, len(motion), max(1, len(motion) // 300))
+    available = max(abs(float(given[row])) + abs(float(world.inverse_dynamics(motion[row, 0], still, still)[column])) for row in rows)
+
+    def lacking(motion: Array) -> float:
+        torques = given.copy()
+        if servo is not None:
+            torques += servo.kp * (recording.u[:, column] - motion[:, 0, column]) - servo.kd * motion[:, 1, column]
+        return float(np.std([world.inverse_dynamics(*motion[row])[column] - torques[row] for row in rows]))
+
+    would = lacking(turned)
+    return would < available / 2 and lacking(motion) > max(5 * would, available / 5)
 
 
 def _numbers(column: pd.Series[Any]) -> Array:
@@ -180,7 +208,7 @@ def _numbers(column: pd.Series[Any]) -> Array:
 
 def _table(path: Path) -> pd.DataFrame:
     try:
-        if path.suffix.lower() in (".parquet", ".pq"):
+        if path.suffix.lower() in _PARQUET:
             return pd.read_parquet(path)
         with path.open("rb") as file:
             if b"\0" in file.read(65536):
@@ -188,7 +216,7 @@ def _table(path: Path) -> pd.DataFrame:
         with warnings.catch_warnings():
             # Rows longer than the header.
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            return pd.read_csv(path, low_memory=False, index_col=False, skipinitialspace=True)
+            return pd.read_csv(path, low_memory=False, index_col=False, skipinitialspace=True, float_precision="round_trip")
     except UserError:
         raise
     except Exception as error:  # pandas and pyarrow raise many kinds for what is no table

@@ -17,7 +17,7 @@ from mpge_bench.envs.effects import Effect, SensorBias, SensorDelay, SensorScale
 Array = npt.NDArray[np.float64]
 
 #: Tried sizes of the unknown torque in a row, as shares of the torques that the motion asks for.
-DISTURBANCES = (0.001, 0.005, 0.02, 0.1, 0.5)
+DISTURBANCES = (0.002, 0.02, 0.2)
 
 
 def prepare(recordings: Sequence[Recording], rig: Rig) -> Linear:
@@ -59,10 +59,12 @@ def _refine(linear: Linear, sigma: Array, stated: Array, effects: Sequence[Effec
     size = asked_torque(linear)
     best = max(((linear.likelihood(measured, sigma, share * size), share) for share in DISTURBANCES), key=lambda pair: pair[0])[1]
     state, variance = linear.smooth(measured, sigma, best * size)
-    for _ in range(2):
+    for _ in range(0 if np.isfinite(stated).all() else 2):
         seen = np.isfinite(measured) & (np.arange(measured.shape[1]) < motion.rows[:, None])[..., None]
-        update = np.sqrt(np.mean((measured - state) ** 2 + variance, axis=(0, 1), where=seen)) if seen.any() else sigma
-        update = np.maximum(np.where(np.isfinite(update), update, sigma), resolution(motion) / np.sqrt(12))
+        count = seen.sum((0, 1))
+        total = np.where(seen, (measured - state) ** 2 + variance, 0.0).sum((0, 1))
+        update = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.inf)
+        update = np.maximum(update, resolution(motion) / np.sqrt(12))
         sigma = np.where(np.isfinite(stated), stated, update)
         state, variance = linear.smooth(measured, sigma, best * size)
     valid = np.arange(motion.time.shape[1]) < motion.rows[:, None]

@@ -26,7 +26,7 @@ from mpge_bench.envs.effects import CATALOGUE
 Array = npt.NDArray[np.float64]
 
 #: Colour-blind safe; nominal and corrected simulator, recording, fitted law, band of the sensors' noise.
-COLOURS = {"before": "#d55e00", "after": "#0072b2", "measured": "#1f2933", "law": "#111827", "noise": "#aab4c0"}
+COLOURS = {"before": "#d55e00", "after": "#0072b2", "measured": "#8d99a8", "law": "#111827", "noise": "#aab4c0"}
 #: Points in one plot, before and after together; what more is drawn at random without changing the picture.
 POINTS = 1500
 #: Points of one line over time.
@@ -34,7 +34,7 @@ LINE = 700
 #: Rows of a table before the rest is folded away; joints and trajectories that are drawn at most.
 ROWS, JOINTS, TRAJECTORIES = 12, 12, 12
 #: Width and height of the plots, in points of their font: they are shown at 0.8 to 1.2 times that.
-PANEL, WIDE = (340, 235), (480, 300)
+PANEL, CURVE, WIDE = (340, 235), (420, 250), (420, 280)
 
 _VERDICTS = {
     "no_mismatch": ("No mismatch found", "The recordings look like the simulator, within the noise."),
@@ -58,6 +58,8 @@ _STYLE: Any = {
     "xtick.color": "#52606d",
     "ytick.color": "#52606d",
 }
+#: Between ticks, times powers of ten.
+_STEPS = (1, 2, 2.5, 5, 10)
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -99,9 +101,15 @@ def report_html(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
     joints.sort(key=lambda joint: -joint.share if math.isfinite(joint.share) else 0.0)
     blamed = {entry.get("target") for entry in diagnosis.get("effects") or ()} | {entry.get("name") for entry in diagnosis.get("where") or ()}
     corrected = any(not np.array_equal(joint.before, joint.after) for joint in joints)
+    effects = _effects_table(diagnosis.get("effects") or ())
+    fitted = {entry["key"]: _values(entry["lines"]) for entry in effects}
     with matplotlib.rc_context(_STYLE):
         drawn = [(joint.joint in blamed or place < 3, _joint_plots(joint, place)) for place, joint in enumerate(joints[:JOINTS])]
-        laws = [plot for place, law in enumerate(evidence.laws) if (plot := _law_plot(law, evidence.laws, joints, f"l{place}-")) is not None]
+        laws = [
+            plot
+            for place, law in enumerate(evidence.laws)
+            if (plot := _law_plot(law, evidence.laws, joints, fitted.get((law.effect, law.joint), ""), f"l{place}-")) is not None
+        ]
         trajectories = [_trajectory_plot(one, f"t{place}-") for place, one in enumerate(evidence.trajectories[:TRAJECTORIES]) if len(one.time) > 1]
     template = resources.files(__package__ or "mpge_bench.diagnosis").joinpath("report.html.j2").read_text(encoding="utf-8")
     # Everything is escaped unless it is Markup; what the template asks for and does not get is an error.
@@ -111,9 +119,9 @@ def report_html(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
         title=title,
         gist=gist,
         summary=evidence.summary,
-        p_value=number(diagnosis.get("p_value"), 3),
+        p_value="< 10⁻³⁰⁰" if diagnosis.get("p_value") == 0 else f"= {number(diagnosis.get('p_value'), 3)}",
         fit=_fit(diagnosis.get("fit") or {}),
-        effects=_effects_table(diagnosis.get("effects") or ()),
+        effects=effects,
         where=_where_lines(diagnosis.get("where") or ()),
         joints=_joints_table(joints, corrected),
         shown=[plots for shown, plots in drawn if shown],
@@ -159,13 +167,6 @@ def _minus(text: str) -> str:
 
 def _estimate(value: Any, low: Any, high: Any) -> tuple[str, str, str]:
     """A value and its interval, all to the decimal place that the interval's width gives a meaning to."""
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        if len(value) > 4:  # a curve
-            ends = _finite_values(value)
-            return f"{len(value)} points" + (f", {number(ends.min(), 3)} to {number(ends.max(), 3)}" if len(ends) else ""), "", ""
-        parts = [_estimate(*each) for each in zip(value, _listed(low, len(value)), _listed(high, len(value)), strict=True)]
-        inner, lowest, highest = (", ".join(part[place] for part in parts) for place in range(3))
-        return f"({inner})", f"({lowest})" if lowest.strip("–, ") else "–", f"({highest})" if highest.strip("–, ") else "–"
     known = _finite_values((value, low, high))
     width = float(known.max() - known.min()) / 2 if len(known) == 3 else 0.0
     largest = float(np.abs(known).max()) if len(known) else 0.0
@@ -197,6 +198,11 @@ def _percent(share: Any) -> str:
     return f"{100 * share:.1f} %" if 0 < share < 0.01 or 0.99 < share < 1 else f"{100 * share:.0f} %"
 
 
+def _breakable(name: str) -> Markup:
+    """A name like ``coulomb_friction:elbow`` that a narrow page may break."""
+    return Markup(re.sub(r"([_:])", r"\1<wbr>", str(escape(name))))
+
+
 def _unit(unit: Any) -> str:
     return "" if unit in (None, "1", "") else str(unit)
 
@@ -206,6 +212,7 @@ def _unit(unit: Any) -> str:
 
 def _title(effect: str) -> str:
     known = {
+        "unknown": "Unknown effect",
         "back_emf_limit": "Back-EMF limit",
         "coulomb_friction": "Coulomb friction",
         "stribeck_friction": "Stribeck friction",
@@ -249,7 +256,7 @@ def _fit(fit: Mapping[str, Any]) -> dict[str, Any]:
         "unit": unit,
         "bars": bars,
         "gone": gone,
-        "horizon": number(fit.get("horizon_s"), 3),
+        "horizon": f"{fit['horizon_s']:g}" if fit.get("horizon_s") else "",
         "channels": Table(head, (False, True, True, True, False), channels),
     }
 
@@ -257,13 +264,11 @@ def _fit(fit: Mapping[str, Any]) -> dict[str, Any]:
 def _effects_table(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     table = []
     for effect in effects:
-        lines = []
-        for name, one in (effect.get("parameters") or {}).items():
-            one = one if isinstance(one, Mapping) else {"value": one}
-            lines.append((name.replace("_", " "), *_estimate(one.get("value"), one.get("low"), one.get("high")), _unit(one.get("unit"))))
+        lines = [line for name, one in (effect.get("parameters") or {}).items() for line in _parameter_lines(name.replace("_", " "), one)]
         signal = effect.get("signal") or effect.get("depends_on")
         table.append(
             {
+                "key": (effect.get("effect"), effect.get("target")),
                 "title": _title(str(effect.get("effect", "unknown"))),
                 "meaning": _meaning(str(effect.get("effect", "unknown"))),
                 "target": effect.get("target", "–"),
@@ -273,6 +278,27 @@ def _effects_table(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]
             }
         )
     return table
+
+
+def _parameter_lines(name: str, one: Any) -> list[tuple[str, str, str, str, str]]:
+    """Name, value, low, high and unit; a line for each number of a vector, and one for all of a curve."""
+    one = one if isinstance(one, Mapping) else {"value": one}
+    value, low, high, unit = one.get("value"), one.get("low"), one.get("high"), _unit(one.get("unit"))
+    if isinstance(value, str):
+        return [(name, value, "", "", unit)]
+    if not isinstance(value, Sequence):
+        return [(name, *_estimate(value, low, high), unit)]
+    if len(value) > 3:
+        ends = _finite_values(value)
+        return [(name, f"{len(value)} points" + (f", {number(ends.min(), 3)} to {number(ends.max(), 3)}" if len(ends) else ""), "", "", unit)]
+    rows = zip("xyz", value, _listed(low, len(value)), _listed(high, len(value)), strict=False)
+    return [(f"{name} {axis}", *_estimate(*numbers), unit) for axis, *numbers in rows]
+
+
+def _values(lines: Iterable[tuple[str, str, str, str, str]]) -> str:
+    """Fitted parameters behind a colon; nothing for a curve, which a plot shows better."""
+    texts = [f"{name} {value} {unit}".rstrip() + (f" ({low} to {high})" if low != "–" else "") for name, value, low, high, unit in lines if low or high]
+    return f": {', '.join(texts)}" if texts else ""
 
 
 def _where_lines(where: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
@@ -312,9 +338,11 @@ def _rivals_table(diagnosis: Mapping[str, Any], evidence: Evidence) -> Table:
     if not rivals:
         rivals = [(" + ".join(one["effects"]), "", one["held_out_error"], one["log_evidence_behind"]) for one in diagnosis.get("alternatives") or ()]
     rivals.sort(key=lambda rival: rival[3])
-    rows = [(effects, parameters, number(error, 3), number(behind, 3), _ruled(behind)) for effects, parameters, error, behind in rivals]
-    head = ("model", "fitted parameters", "held-out error", "log evidence behind", "")
-    return Table(head, (False, False, True, True, False), rows)
+    rows = [
+        (_breakable(effects) + Markup("<small>{}</small>").format(parameters), number(error, 3), number(behind, 3), _ruled(behind))
+        for effects, parameters, error, behind in rivals
+    ]
+    return Table(("model", "held-out error", "log evidence behind", "so it is"), (False, True, True, False), rows)
 
 
 def _ruled(behind: float) -> str:
@@ -323,11 +351,11 @@ def _ruled(behind: float) -> str:
 
 
 def _confusions_table(diagnosis: Mapping[str, Any], evidence: Evidence) -> Table:
-    rows: list[tuple[Any, ...]] = [(*one.models, one.experiment) for one in evidence.confusions]
+    rows: list[tuple[Any, ...]] = [(*map(_breakable, one.models), one.experiment) for one in evidence.confusions]
     told = {frozenset(one.models) for one in evidence.confusions}
     for models in diagnosis.get("indistinguishable") or ():
         if len(models) >= 2 and frozenset(models) not in told:
-            rows.append((models[0], " or ".join(models[1:]), "none known"))
+            rows.append((_breakable(models[0]), _breakable(" or ".join(models[1:])), "none known"))
     return Table(("this", "or this", "experiment that would tell"), (False, False, False), rows)
 
 
@@ -380,15 +408,14 @@ def _joint_plots(joint: JointEvidence, place: int) -> JointPlots:
     return JointPlots(joint.joint, plots, f"Not drawn: {'; '.join(still)}." if still else "")
 
 
-def _law_plot(law: Law, laws: Sequence[Law], joints: Sequence[JointEvidence], prefix: str) -> Plot | None:
+def _law_plot(law: Law, laws: Sequence[Law], joints: Sequence[JointEvidence], fitted: str, prefix: str) -> Plot | None:
     """A fitted law through the residual force that it accounts for: what the joint's other laws account for is taken away first."""
     if len(law.at) < 2:
         return None
-    figure, axes = _axes(PANEL)
-    caption, label, unit = f"{_title(law.effect)} at {law.joint}", law.signal, ""
-    for joint in joints:
-        if joint.joint != law.joint or law.signal not in _signals(joint) or not len(joint.before):
-            continue
+    figure, axes = _axes(CURVE)
+    caption, label, unit = f"{_title(law.effect)} at {law.joint}{fitted}", law.signal, ""
+    joint = next((one for one in joints if one.joint == law.joint and law.signal in _signals(one) and len(one.before)), None)
+    if joint is not None:
         signal, label = _signals(joint)[law.signal]
         unit = f", {joint.unit}"
         others = [one for one in laws if one is not law and one.joint == law.joint and one.signal in _signals(joint) and len(one.at)]
@@ -398,7 +425,8 @@ def _law_plot(law: Law, laws: Sequence[Law], joints: Sequence[JointEvidence], pr
         _noise_band(axes, joint.noise)
         _cloud(axes, signal, rest, "before", POINTS)
         _medians(axes, signal, rest, "before")
-        axes.set_ylim(_limits([rest, law.torque], joint.noise))
+        margin = 0.04 * float(np.ptp(signal)) or 1.0
+        axes.set(xlim=(float(signal.min()) - margin, float(signal.max()) + margin), ylim=_limits([rest, law.torque], joint.noise))
     axes.plot(law.at, law.torque, color="white", linewidth=4.5)
     axes.plot(law.at, law.torque, color=COLOURS["law"], linewidth=2.2)
     axes.set(xlabel=label, ylabel=f"force{unit}")
@@ -422,19 +450,19 @@ def _trajectory_plot(one: Trajectory, prefix: str) -> Plot:
         return np.insert(values[chosen], gaps, np.nan)
 
     time = line(one.time)
-    above.plot(one.time[chosen], one.measured[chosen], color=COLOURS["measured"], linewidth=1.2)
+    above.plot(one.time[chosen], one.measured[chosen], color=COLOURS["measured"], linewidth=3.4)
     errors = []
     for values, kind in predictions:
         missed = values - one.measured
         errors.append(missed[np.isfinite(missed)])
-        above.plot(time, line(values), color=COLOURS[kind], linewidth=1.5, linestyle=(0, (4, 1.5)))
+        above.plot(time, line(values), color=COLOURS[kind], linewidth=1.4)
         below.plot(time, line(missed), color=COLOURS[kind], linewidth=1.3)
     # Many restarts would hide what they mark.
     for axes in (above, below):
         for at in one.restarts:
             axes.axvline(at, ymax=1 if len(one.restarts) <= 30 else 0.04, color="#9aa5b1", linewidth=0.8, linestyle=":", zorder=0)
         axes.grid(axis="y")
-        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.yaxis.set_major_locator(MaxNLocator(4, steps=_STEPS))
         axes.margins(x=0.01)
     below.axhline(0, color="#9aa5b1", linewidth=0.8, zorder=0)
     above.set_ylabel(f"{one.joint}, {one.unit}")
@@ -450,8 +478,8 @@ def _axes(size: tuple[float, float]) -> tuple[Figure, Axes]:
     axes = figure.subplots()
     axes.grid()
     axes.set_axisbelow(True)
-    axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=_STEPS))
+    axes.yaxis.set_major_locator(MaxNLocator(5, steps=_STEPS))
     return figure, axes
 
 
@@ -477,7 +505,7 @@ def _cloud(axes: Axes, signal: Array, values: Array, kind: str, count: int) -> N
     if len(signal) > count:
         chosen = np.random.default_rng(0).choice(len(signal), count, replace=False)
         signal, values = signal[chosen], values[chosen]
-    axes.plot(signal, values, ".", color=COLOURS[kind], markersize=3, markeredgewidth=0, alpha=0.35, rasterized=True)
+    axes.plot(signal, values, ".", color=COLOURS[kind], markersize=3.6, markeredgewidth=0, alpha=0.4, rasterized=True)
 
 
 def _medians(axes: Axes, signal: Array, values: Array, kind: str, bins: int = 24) -> None:

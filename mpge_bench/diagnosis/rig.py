@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, Effect, PositionServo, ViscousFriction, effect_from_dict
+from mpge_bench.envs.effects import CATALOGUE, Armature, CoulombFriction, Effect, JointSpring, Parameter, PositionServo, UnknownTorque, ViscousFriction, effect_from_dict
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World
@@ -121,7 +121,9 @@ def read_rig(path: Path) -> Rig:
     left = [joint for joint in model.joints if joint not in joints]
     if left:
         raise UserError(f"{path}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
-    nominal: list[Effect] = []
+    nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
+    nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
+    model.springs, model.armature = {}, {}
     for joint, settings in joints.items():
         if not isinstance(settings, dict):
             raise UserError(f"{path}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
@@ -189,7 +191,7 @@ def with_parameters(effect: Effect, values: Sequence[float]) -> Effect:
     """`effect` with its numeric parameters replaced by `values`, vectors flattened, each clipped to its bounds."""
     changes: dict[str, Any] = {}
     left = list(values)
-    for name, parameter in effect.parameters.items():
+    for name, parameter in _fitted(effect):
         size = _size(effect, name)
         taken = [min(max(float(value), parameter.low), parameter.high) for value in left[:size]]
         left = left[size:]
@@ -200,7 +202,7 @@ def with_parameters(effect: Effect, values: Sequence[float]) -> Effect:
 def parameters_of(effect: Effect) -> list[float]:
     """The numeric parameters of `effect`, vectors flattened."""
     found: list[float] = []
-    for name in effect.parameters:
+    for name, _ in _fitted(effect):
         value = getattr(effect, name)
         found.extend(value if isinstance(value, tuple) else [value])
     return [float(value) for value in found]
@@ -208,8 +210,13 @@ def parameters_of(effect: Effect) -> list[float]:
 
 def bounds_of(effect: Effect) -> tuple[list[float], list[float]]:
     """Lower and upper bounds of `parameters_of(effect)`."""
-    sizes = [(parameter, _size(effect, name)) for name, parameter in effect.parameters.items()]
+    sizes = [(parameter, _size(effect, name)) for name, parameter in _fitted(effect)]
     return [p.low for p, size in sizes for _ in range(size)], [p.high for p, size in sizes for _ in range(size)]
+
+
+def _fitted(effect: Effect) -> list[tuple[str, Parameter]]:
+    """The parameters that a fit may change: none of a nameless curve, which is solved for."""
+    return [] if isinstance(effect, UnknownTorque) else list(effect.parameters.items())
 
 
 def _size(effect: Effect, name: str) -> int:

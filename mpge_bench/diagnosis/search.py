@@ -89,11 +89,15 @@ class Fitter:
         self._numeric, self._limits = numeric, limits
         self.residual, self.free = self.settle(search.residual(), self.base)
 
-    def settle(self, residual: Array, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """`residual` of the model with `effects` less what simulators do differently, within limits, and those differences that are within them."""
-        lead = self.search.leading(effects)
-        numeric = np.array(self._numeric if lead is None else [*self._numeric, lead])
-        limits = np.array(self._limits if lead is None else [*self._limits, (-0.3, 1.3)])
+    def settle(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None) -> tuple[Array, Array]:
+        """`residual` of the model with `effects` less what simulators do differently, within limits, and those differences that are within them.
+
+        Args:
+            halved: how the prediction changes with half the physics step, if that is known better than from the linearised simulator.
+        """
+        lead, later = self.search.leading(effects), self.search.later(effects)
+        numeric = np.array([self._numeric[0] if halved is None else halved, *self._numeric[1:], *([] if lead is None else [lead]), *later])
+        limits = np.array([*self._limits, *([] if lead is None else [(-0.3, 1.3)]), *[(-1.0, 1.0)] * len(later)])
         fitted = numeric[:, self.train].reshape(len(numeric), -1)
         gram, right = fitted @ fitted.T, fitted @ residual[self.train].ravel()
         size = np.zeros(len(right))
@@ -125,15 +129,15 @@ class Fitter:
     def fit(self, effects: Sequence[Effect], *, evaluations: int = 12) -> Fitted:
         """Least squares over all parameters of `effects`, from their present values."""
         first = np.array([value for effect in effects for value in parameters_of(effect)])
+        raw = self.search.residual()
         if not len(first):
-            return Fitted((), self.residual, np.zeros((0, *self.residual.shape)))
+            return Fitted(tuple(effects), self.settle(raw - self.change(effects), effects)[0], np.zeros((0, *raw.shape)))
         low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
         size = self._sizes(effects)
 
         def built(z: Array) -> list[Effect]:
             return rebuild(effects, z * size)
 
-        raw = self.search.residual()
 
         def miss(z: Array) -> Array:
             effects = built(z)
@@ -205,9 +209,15 @@ def screen(fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: 
     gains, scores, best = {}, {}, {}
     top, top_drawn = 0.0, np.zeros(draws)
     noise = max(float(np.mean(residual**2)), 1e-12)
+    # Windows that miss much more than others must not drown them.
+    weight = 1 / np.sqrt(np.mean(residual**2, axis=1, keepdims=True) + 1e-12)
+    weight = np.minimum(weight / np.median(weight), 1.0)
+    residual = residual * weight
     for candidate in [*chosen, *extra]:
         columns = fitter.clear(fitter.columns(candidate, present) if isinstance(candidate, Candidate) else candidate)
+        columns = columns * weight
         flat = columns.reshape(len(columns), -1)
+        flat_all = flat
         size = np.sqrt((flat**2).sum(1))
         alive = size > 1e-6
         if not alive.any():
@@ -225,7 +235,7 @@ def screen(fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: 
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(basis)) / np.log(10))
         if isinstance(candidate, Candidate):
             gains[candidate], scores[candidate] = gain, score
-            best[candidate] = candidate.starts[_nearest(candidate, columns.reshape(len(columns), -1), residual.ravel())]
+            best[candidate] = candidate.starts[_nearest(candidate, flat_all, residual.ravel())]
     exceeding = int((top_drawn >= top).sum())
     p_value = (1 + exceeding) / (1 + draws)
     if exceeding == 0:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any
 
@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolu
 from mpge_bench.diagnosis.rig import Rig, bounds_of, parameters_of
 from mpge_bench.diagnosis.search import Fitted, Fitter, Screening, candidates, label, rebuild, screen
 from mpge_bench.diagnosis.simulator import Predictor
-from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects import Effect, UnknownTorque
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -29,6 +29,8 @@ Array = npt.NDArray[np.float64]
 SIGNIFICANCE = 0.01
 #: Least share of the noise's sum of squares that an effect must explain: less changes no prediction by more than a tenth of the noise.
 MATERIAL = 0.01
+#: Points of a nameless curve, and the least share by which it must beat the named physics.
+KNOTS, CURVE_MATERIAL = 41, 0.1
 #: Models that are followed up in each round, and most effects of a model.
 BEAM, MOST = 3, 4
 
@@ -84,7 +86,7 @@ class Fits:
     def polished(self, effects: Sequence[Effect]) -> tuple[Found, Fitter]:
         """The best parameters of `effects`, with the simulator linearised about them, and that fitter."""
         fitter = self.fitter(effects)
-        return self.judged(fitter, self.in_simulator(fitter, fitter.fit(effects, evaluations=6))), fitter
+        return self.judged(fitter, self.in_simulator(fitter, fitter.fit(effects, evaluations=6), final=True)), fitter
 
     def judged(self, fitter: Fitter, fitted: Fitted) -> Found:
         """How well `fitted` predicts."""
@@ -100,44 +102,59 @@ class Fits:
         """Number of measurements in each window that starting states cannot explain."""
         return (fitter.search.weight > 0).sum((1, 2)) - 2 * len(self.rig.joints)
 
-    def in_simulator(self, fitter: Fitter, fitted: Fitted, iterations: int = 2) -> Fitted:
-        """`fitted` refined by prediction in PyBullet, with the linearised simulator's derivatives."""
+    def in_simulator(self, fitter: Fitter, fitted: Fitted, iterations: int = 2, *, final: bool = False) -> Fitted:
+        """`fitted` refined by prediction in PyBullet, with the linearised simulator's derivatives.
+
+        Args:
+            final: take the error of the physics step from PyBullet, too, and let `fitter` know it.
+        """
         effects = list(fitted.effects)
-        starts = fitter.search.state[:, 0]
-        misses, change = self._missed(fitter, effects, starts)
-        best = (float((misses[~self.held_out] ** 2).sum()), effects, misses)
-        for _ in range(iterations):
-            starts = starts + change
-            if effects:
-                jacobian = fitted.sensitivity[:, ~self.held_out].reshape(fitted.size, -1).T
+        search, train = fitter.search, ~self.held_out
+        starts = search.state[:, 0]
+        best: tuple[float, list[Effect], Array, Array] | None = None
+        for iteration in range(iterations + 1):
+            predicted = self._predicted(fitter, effects, starts)
+            if predicted is None:
+                break
+            error = search.measured - predicted
+            misses = fitter.settle(search.project(error), effects)[0]
+            cost = float((misses[train] ** 2).sum())
+            gained = np.inf if best is None else best[0] - cost
+            if gained > 0:
+                best = (cost, effects, misses, starts)
+            if gained < 1e-3 * cost or iteration == iterations:
+                break
+            starts = starts + search.starts(error)
+            if fitted.size:
+                jacobian = fitted.sensitivity[:, train].reshape(fitted.size, -1).T
                 size = np.maximum(np.sqrt((jacobian**2).sum(0)), 1e-12)
-                step = np.linalg.lstsq(jacobian / size, misses[~self.held_out].ravel(), rcond=1e-4)[0] / size
+                step = np.linalg.lstsq(jacobian / size, misses[train].ravel(), rcond=1e-4)[0] / size
                 values = np.array([value for effect in effects for value in parameters_of(effect)]) + step
                 low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
                 effects = rebuild(effects, np.clip(values, low, high))
-            misses, change = self._missed(fitter, effects, starts)
-            cost = float((misses[~self.held_out] ** 2).sum())
-            gained = best[0] - cost
-            if gained > 0:
-                best = (cost, effects, misses)
-            if gained < 1e-3 * cost:
-                break
-        return Fitted(tuple(best[1]), best[2], fitted.sensitivity)
+        if best is None:
+            # Parameters under which the simulation flies apart are no candidates.
+            return Fitted(fitted.effects, np.full(fitter.residual.shape, 1e6), fitted.sensitivity)
+        _, effects, misses, starts = best
+        if final:
+            coarse, fine = (self._predicted(fitter, effects, starts, parts) for parts in (1, 2))
+            if coarse is not None and fine is not None:
+                misses, fitter.free = fitter.settle(search.project(search.measured - coarse), effects, search.project(fine - coarse))
+        return Fitted(tuple(effects), misses, fitted.sensitivity)
 
-    def _missed(self, fitter: Fitter, effects: Sequence[Effect], starts: Array) -> tuple[Array, Array]:
-        """Measured minus predicted by PyBullet in every window, integrator's errors settled, as `Fitted.misses`; and better starting states, less `starts`."""
+    def _predicted(self, fitter: Fitter, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
+        """PyBullet's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable."""
         search = fitter.search
+        predicted = np.empty_like(search.state)
+        references = [self._reference(search.linear, r) for r in range(len(self.recordings))]
         try:
-            predictor = Predictor(self.rig, effects)
-            predicted = np.empty_like(search.state)
+            predictor = Predictor(replace(self.rig, timestep=self.rig.timestep / parts), effects)
             for index, (r, k) in enumerate(zip(self.windows.recording, self.windows.start, strict=True)):
                 rows = np.arange(k, k + self.windows.length + 1) * search.linear.motion.stride
-                predicted[index] = predictor.run(self.recordings[r], int(rows[0]), rows, starts[index], self._reference(search.linear, r))
+                predicted[index] = predictor.run(self.recordings[r], int(rows[0]), rows, starts[index], references[r])
         except UserError:
-            # Parameters under which the simulation flies apart are no candidates.
-            return np.full(fitter.residual.shape, 1e6), np.zeros_like(starts)
-        error = search.measured - predicted
-        return fitter.settle(search.project(error), effects)[0], search.starts(error)
+            return None
+        return predicted
 
     def _reference(self, linear: Linear, r: int) -> Array:
         """Reference of recording `r` at every row of the file, shape (rows, 2 joints)."""
@@ -155,9 +172,13 @@ def held_out_windows(windows: Windows, linear: Linear) -> npt.NDArray[np.bool_]:
 
 
 def gain(simple: Found, rich: Found, held: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """How much the sum of squares on held-out windows falls from one model to another, and its standard error (windows are the blocks)."""
-    difference = (simple.fitted.cost - rich.fitted.cost)[held]
-    return float(difference.sum()), float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else 0.0
+    """By what share what is missed on held-out windows falls from one model to another, and the share's standard error.
+
+    The mean over windows (the blocks: rows within one are not independent) of the logarithm of the sums of squares' ratio: the likelihood ratio per
+    measurement where each window has an unknown noise of its own, so that no single window on which both go astray decides.
+    """
+    ratio = np.log((simple.fitted.cost[held] + 1e-9) / (rich.fitted.cost[held] + 1e-9))
+    return float(ratio.mean()), float(np.std(ratio, ddof=1) / np.sqrt(len(ratio))) if len(ratio) > 1 else 0.0
 
 
 class Explorer:
@@ -222,8 +243,8 @@ class Explorer:
         fits = self.fits
         fitter = fits.fitter()
         nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
-        self.empty = fits.judged(fitter, fits.in_simulator(fitter, nothing))
-        self.screening = screen(fitter, self.candidates, fitter.residual)
+        self.empty = fits.judged(fitter, fits.in_simulator(fitter, nothing, final=True))
+        self.screening = screen(fitter, self.candidates, self.empty.fitted.misses, [columns for _, columns in self._curves(fitter)])
         self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
         self.found = [self.empty]
         if self.screening.p_value >= SIGNIFICANCE:
@@ -251,11 +272,81 @@ class Explorer:
             # A model far from the noise may still be half of the truth, but not where another has reached it.
             beam = [pair for pair in grown[:BEAM] if pair[0].held_out < (1.2 if best.held_out < 1.2 else 30.0) * best.held_out]
             rest = screen(beam[0][1], self.candidates, best.fitted.misses, present=best.effects, draws=499)
+            self.rest = rest
             strongest = max(rest.gains.values(), default=0.0)
             self._say(f"left: p = {rest.p_value:.3g}, strongest {strongest:.4g} of {(best.fitted.misses**2).sum():.4g}")
             if rest.p_value >= SIGNIFICANCE or strongest < MATERIAL * float((best.fitted.misses**2).sum()):
                 break
-        return self._simplest(), self.screening
+        return self._with_curves(self._simplest()), self.screening
+
+    def _curves(self, fitter: Fitter) -> Iterator[tuple[UnknownTorque, Array]]:
+        """Nameless torques over each joint's q, dq and command: the curve's knots, all torques 0, and its columns."""
+        for index, joint in enumerate(self.rig.joints):
+            for signal in ("q", "dq", "command") if joint in self.rig.driven else ("q", "dq"):
+                low, high = np.quantile(fitter.search.range_of(index, signal), (0.002, 0.998))
+                if high - low > 1e-6:
+                    knots = np.linspace(low, high, KNOTS)
+                    yield UnknownTorque(joint, signal, tuple(knots), (0.0,) * KNOTS), fitter.search.curve(index, signal, knots)
+
+    def _with_curves(self, chosen: Found) -> Found:
+        """`chosen` and, where a nameless curve predicts held-out recordings much better, that curve with what is still needed beside it."""
+        for _ in self.rig.joints:
+            if self.late:
+                break
+            fitter = self.fits.fitter(chosen.effects)
+            present = {(one.target, one.signal) for one in chosen.effects if isinstance(one, UnknownTorque)}
+            curves = [(self._curve_gain(chosen, columns), curve) for curve, columns in self._curves(fitter) if (curve.target, curve.signal) not in present]
+            (share, torques), curve = max(curves, key=lambda pair: pair[0][0])
+            self._say(f"curve over {curve.signal} of {curve.target}: {share:.3g}")
+            if share < CURVE_MATERIAL:
+                break
+            rich = self._with_curve(chosen.effects, replace(curve, torque=tuple(torques)))
+            if gain(chosen, rich, self.fits.held_out)[0] < CURVE_MATERIAL or not self._better(chosen, rich):
+                break
+            chosen = rich
+            for effect in [one for one in chosen.effects if not isinstance(one, UnknownTorque)]:
+                rest = [other for other in chosen.effects if (other.name, other.target) != (effect.name, effect.target)]
+                less = self._with_curve(rest[:-1], rest[-1])
+                if gain(less, chosen, self.fits.held_out)[0] < CURVE_MATERIAL:
+                    chosen = less
+        return chosen
+
+    def _with_curve(self, effects: Sequence[Effect], curve: Effect) -> Found:
+        """`effects` and a nameless `curve`, both fitted: the curve by what is missed, twice over, about the motion as the model then smooths it."""
+        assert isinstance(curve, UnknownTorque)
+        best = None
+        for _ in range(3):
+            model, fitter = self.fits.polished([*effects, curve])
+            self._report(model)
+            self.found.append(model)
+            if best is not None and model.train > best.train:
+                break
+            best, effects = model, model.effects[:-1]
+            columns = fitter.search.curve(self.rig.joints.index(curve.target), curve.signal, np.array(curve.at))
+            curve = replace(curve, torque=tuple(np.array(curve.torque) + self._curve_gain(model, columns)[1]))
+        assert best is not None
+        return best
+
+    def _curve_gain(self, model: Found, columns: Array) -> tuple[float, Array]:
+        """What a curve adds on held-out windows, as `gain` counts, and its torques; the smoothness is chosen within the train windows."""
+        misses, held = model.fitted.misses, self.fits.held_out
+        train = np.flatnonzero(~held)
+        weight = 1 / np.sqrt(np.mean(misses**2, 1) + 1e-9)
+        bend = np.diff(np.eye(len(columns)), 2, axis=0)
+
+        def solve(windows: npt.NDArray[np.int64], stiffness: float) -> Array:
+            left = (columns[:, windows] * weight[windows, None]).reshape(len(columns), -1)
+            right = (misses[windows] * weight[windows, None]).ravel()
+            gram = left @ left.T
+            return np.linalg.solve(gram + np.trace(gram) / len(gram) * (stiffness * bend.T @ bend + 1e-6 * np.eye(len(gram))), left @ right)
+
+        def ratio(torques: Array, windows: npt.NDArray[Any]) -> float:
+            left = misses[windows] - np.tensordot(torques, columns[:, windows], 1)
+            return float(np.mean(np.log(((misses[windows] ** 2).sum(1) + 1e-9) / ((left**2).sum(1) + 1e-9))))
+
+        best = max((ratio(solve(train[::2], size), train[1::2]) + ratio(solve(train[1::2], size), train[::2]), size) for size in (1e-4, 1e-2, 1.0))[1]
+        torques = solve(train, best)
+        return ratio(torques, np.flatnonzero(held)), torques
 
     def _extend(self, model: Found, fitter: Fitter, tried: int) -> list[Found]:
         """Models of one more effect than `model`, fitted roughly, those that promise most."""
@@ -288,13 +379,13 @@ class Explorer:
         self.fits.sigma = sigma
         fitter = self.fits.fitter()
         nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
-        self.empty = self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing))
+        self.empty = self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing, final=True))
         self.found = [self.empty]
 
     def _better(self, simple: Found, rich: Found) -> bool:
         """Whether `rich` predicts held-out windows better than `simple`, beyond two standard errors and by a material amount."""
-        total, error = gain(simple, rich, self.fits.held_out)
-        return total > 2 * error and total > MATERIAL * float(rich.fitted.cost[self.fits.held_out].sum())
+        share, error = gain(simple, rich, self.fits.held_out)
+        return share > 2 * error and share > MATERIAL
 
     def _simplest(self) -> Found:
         """The model of fewest parameters that no other beats on held-out windows."""

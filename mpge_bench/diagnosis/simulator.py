@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicHermiteSpline
 
 from mpge_bench.diagnosis.motion import WARM_UP, differentiate
 from mpge_bench.diagnosis.recording import Recording
@@ -28,6 +30,7 @@ class Predictor:
         self.rig = rig
         self._chain = rig.chain(effects)
         self._sensors = [(effect, rig.joints.index(effect.target)) for effect in self._chain if effect.on == "sensor"]
+        self._looks_back = sum(effect.seconds for effect in self._chain if isinstance(effect, SensorDelay))
         self._remembers = any(effect.remembers for effect in self._chain)
         moving = [effect for effect in effects if effect.on != "sensor"]
         self._effects = moving
@@ -44,8 +47,11 @@ class Predictor:
                 q[:, joint] /= effect.gain
                 dq[:, joint] /= effect.gain
             elif isinstance(effect, SensorDelay):
-                later = recording.time + effect.seconds
-                q[:, joint], dq[:, joint] = (np.interp(later, recording.time, values[:, joint]) for values in (q, dq))
+                time, later = recording.time, recording.time + effect.seconds
+                known = np.minimum(later, time[-1])
+                # Beyond the end it goes on as it was going.
+                q[:, joint] = CubicHermiteSpline(time, q[:, joint], dq[:, joint])(known) + (later - known) * dq[-1, joint]
+                dq[:, joint] = np.interp(known, time, dq[:, joint])
         return np.concatenate((q, dq), 1)
 
     def run(self, recording: Recording, first: int, rows: npt.NDArray[np.int64], state: Array, smooth: Array) -> Array:
@@ -54,7 +60,7 @@ class Predictor:
         Args:
             rows: indices of rows from `first` on, rising.
             state: q and dq, shape (2 joints,).
-            smooth: q and dq of the whole recording, shape (rows, 2 joints), on which hidden states are warmed up.
+            smooth: true q and dq along the whole recording, shape (rows, 2 joints), on which hidden states are warmed up and late sensors look back.
 
         Returns:
             q and dq, shape (len(rows), 2 joints).
@@ -80,20 +86,31 @@ class Predictor:
         path = np.concatenate((state[None], np.concatenate((q, dq), 1)))
         if not np.isfinite(path).all() or np.abs(path).max() > 1e6:
             raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in the rig")
-        for effect, joint in self._sensors:
-            effect.sense(path[:, :n], path[:, n:], joint, many * dt)
+        path = self._sensed(path, recording, first, smooth, many * dt)
         if even:
             return path[rows - first]
         place = (time[rows] - time[first]) / dt
         left = np.minimum(np.floor(place + 1e-9).astype(int), len(path) - 2)
         share = (place - left)[:, None]
         # The physics step moves q with the velocity at its end, so straight lines join what it computes.
-        return path[left] + share * (path[left + 1] - path[left])
+        between: Array = path[left] + share * (path[left + 1] - path[left])
+        return between
 
     def _world(self, substeps: int) -> World:
         if substeps not in self._worlds:
             self._worlds[substeps] = self.rig.world(self._effects, substeps=substeps)
         return self._worlds[substeps]
+
+    def _sensed(self, path: Array, recording: Recording, first: int, smooth: Array, step: float) -> Array:
+        """What the sensors read of `path`, shape (steps, 2 joints), that begins at row `first`."""
+        n = len(self.rig.joints)
+        start = recording.time[first]
+        count = min(int(np.ceil(self._looks_back / step)), int((start - recording.time[0]) / step + 1e-6))
+        at = start - step * np.arange(count, 0, -1)
+        seen = np.concatenate((np.column_stack([np.interp(at, recording.time, column) for column in smooth.T]), path))
+        for effect, joint in self._sensors:
+            effect.sense(seen[:, :n], seen[:, n:], joint, step)
+        return seen[count:]
 
     def _warm_up(self, world: World, recording: Recording, first: int, smooth: Array) -> None:
         dt = self.rig.timestep
@@ -118,7 +135,7 @@ def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[E
     predictor = Predictor(rig, effects)
     q, dq, _ = differentiate(recording)
     starts = predictor.start(recording, (q, dq))
-    smooth = np.concatenate((q, dq), 1)
+    smooth = predictor.start(replace(recording, q=q, dq=dq), (q, dq))
     n = len(rig.joints)
     result = np.empty((len(recording.time), 2 * n))
     first = 0

@@ -18,11 +18,15 @@ from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 
-ARM = """<robot name="arm"><link name="base"/>
-<link name="upper"><inertial><origin xyz="0.02 0 -0.2"/><mass value="1.5"/><inertia ixx="0.03" iyy="0.03" izz="0.005" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0 0 -0.15"/><mass value="0.8"/><inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>
+ARM = """<robot name="arm">
+<link name="base"/>
+<link name="upper"><inertial><origin xyz="0.02 0 -0.2"/><mass value="1.5"/>
+<inertia ixx="0.03" iyy="0.03" izz="0.005" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0 0 -0.15"/><mass value="0.8"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/><dynamics damping="0.3"/></joint>
-<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/><dynamics damping="0.05"/></joint></robot>"""
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/><dynamics damping="0.05"/></joint>
+</robot>"""
 RIG = {
     "robot": "arm.urdf",
     "timestep": 0.001,

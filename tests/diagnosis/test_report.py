@@ -16,7 +16,7 @@ from matplotlib import image
 from mpge_bench.diagnosis.evidence import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
 from mpge_bench.diagnosis.report import number, report_html
 
-VOID = {"meta", "link", "br", "hr", "img", "input"}
+VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
 
 
 def _joint(name: str, share: float, friction: float, seed: int, noise: float = 0.02, rows: int = 3000) -> JointEvidence:
@@ -152,22 +152,10 @@ def _read(html: str) -> _Page:
 
 
 def test_explained_says_verdict_where_what_and_the_rest_in_order():
-    page = _read(report_html(*_explained()))
+    html = report_html(*_explained())
+    page = _read(html)
     text = " ".join(page.text.split())
-    headings = (
-        "Mismatch explained",
-        "Where",
-        "What",
-        "Before and after",
-        "What was ruled out",
-        "What cannot be told apart",
-        "Smallest detectable",
-        "The data",
-        "Settings",
-    )
-    places = [text.rindex(heading) if heading in ("Where", "What was ruled out") else text.index(heading + " ", 200) for heading in headings[1:]]
-    assert places == sorted(places) or places
-    sections = re.findall(r'<section id="([\w-]+)"', report_html(*_explained()))
+    sections = re.findall(r'<section id="([\w-]+)"', html)
     assert sections == ["verdict", "where", "what", "fit", "ruled-out", "confusions", "detectable", "data", "settings"]
     for shown in (
         "p = 10⁻¹²",
@@ -183,11 +171,11 @@ def test_explained_says_verdict_where_what_and_the_rest_in_order():
         "0.00712",
     ):
         assert shown in text, shown
-    assert "Coulomb friction at elbow" in text
+    assert "Coulomb friction at elbow: torque 0.310 N m (0.291 to 0.330)." in text
     assert "99.0 % of the error above the noise floor is gone" in text
     assert page.tags.count("svg") == 2 * 3 + 1 + 2
     assert page.tags.count("details") == 1  # rivals beyond the twelfth
-    assert report_html(*_explained()) == report_html(*_explained())
+    assert html == report_html(*_explained())
 
 
 def test_no_mismatch_shows_no_correction():
@@ -203,7 +191,7 @@ def test_unexplained_shows_the_empirical_curve():
     page = _read(report_html(*_unexplained()))
     assert "Mismatch not explained" in page.text
     assert "6 points, −0.300 to 0.300" in page.text
-    assert "Unknown at elbow" in page.text
+    assert "Unknown effect at elbow" in page.text
 
 
 def test_names_are_escaped():
