@@ -156,6 +156,32 @@ def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
 
 
 @app.command()
+def diagnose(
+    rig: Annotated[Path, typer.Option(help="What the simulator believes: a rig in YAML (README, Rigs and recordings).")],
+    recording: Annotated[list[str], typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")],
+    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
+    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions are judged, s.")] = 0.5,
+    seconds: Annotated[float | None, typer.Option(min=1.0, help="Time budget: the best answer so far is given when it is up.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+) -> None:
+    """Say where simulator and recordings disagree, what physics was left out, and how much better the simulator gets with it.
+
+    Example: python -m mpge_bench diagnose --rig rig.yaml --recording 'train_*.csv' --out report/
+
+    Several recordings of different motion (fast and slow, with reversals and standstills, every joint moved) tell most. The corrected rig is a rig again:
+    `simulate` and `diagnose` take it.
+    """
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.diagnosis.diagnose import diagnose_files
+
+    with ConsoleProgress() as progress:
+        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
+    for line in found.summary:
+        _out.print(line, markup=False)
+    _out.print(f"Written to {out}: report.html (open it in a browser), diagnosis.json, corrected.yaml", markup=False)
+
+
+@app.command()
 def record(
     task: Annotated[str, typer.Option(help=_TASK_HELP)],
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("recordings"),

@@ -349,6 +349,8 @@ class Search:
             flow[:, k + 1] = self.a[:, k] @ flow[:, k]
         #: Rows that sensors look back.
         self._back = max(1, round(0.1 / (motion.step * motion.u.shape[2])))
+        #: What a change of the starting state becomes after each row, shape (windows, rows, 2 j, 2 j).
+        self.flow = flow
         self._starts, self._triangle = np.linalg.qr((flow * self.weight[..., None]).reshape(count, -1, 2 * n))
         nothing = np.zeros((count, length, n))
         self.halved_error = self.propagate(nothing, linear.halved[at, before])

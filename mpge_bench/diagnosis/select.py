@@ -31,6 +31,8 @@ SIGNIFICANCE = 0.01
 MATERIAL = 0.01
 #: Points of a nameless curve, and the least share by which it must beat the named physics.
 KNOTS, CURVE_MATERIAL = 41, 0.1
+#: What is missed, in units of the noise's sum of squares, below which nothing more is looked for.
+CLEAN = 1.1
 #: Models that are followed up in each round, and most effects of a model.
 BEAM, MOST = 3, 4
 
@@ -56,7 +58,11 @@ class Found:
 
     @property
     def key(self) -> frozenset[str]:
-        return frozenset(f"{effect.name}:{effect.target}" for effect in self.effects)
+        return _key(self.effects)
+
+
+def _key(effects: Sequence[Effect]) -> frozenset[str]:
+    return frozenset(f"{effect.name}:{effect.target}" for effect in effects)
 
 
 class Fits:
@@ -207,16 +213,28 @@ class Explorer:
         self._say, self._advance, self._deadline = say, advance, deadline
         self._pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin) if jobs > 1 else None
         self._jobs = jobs
+        if self._pool:
+            # Workers import while the recordings are smoothed.
+            for _ in range(jobs):
+                self._pool.submit(_lot, _fit, (), ())
         linear = prepare(recordings, rig)
         self.fits = Fits(rig, recordings, linear, windows_of(linear.motion, horizon))
         inertia = np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1))
         self.scales = scales(linear.motion, rig, inertia, asked_torque(linear))
         self.candidates = candidates(rig, self.scales)
         self.found: list[Found] = []
+        self._fitter: Fitter | None = None
 
     def close(self) -> None:
         if self._pool:
             self._pool.shutdown(wait=False, cancel_futures=True)
+
+    @property
+    def fitter_now(self) -> Fitter:
+        """The nominal simulator's fitter under the present estimate of the noise."""
+        if self._fitter is None or self._fitter.search.sigma is not self.fits.sigma:
+            self._fitter = self.fits.fitter()
+        return self._fitter
 
     @property
     def late(self) -> bool:
@@ -241,7 +259,7 @@ class Explorer:
             The chosen model and the screening of the nominal simulator, whose p-value is that of there being no mismatch.
         """
         fits = self.fits
-        fitter = fits.fitter()
+        fitter = self.fitter_now
         nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
         self.empty = fits.judged(fitter, fits.in_simulator(fitter, nothing, final=True))
         self.screening = screen(fitter, self.candidates, self.empty.fitted.misses, [columns for _, columns in self._curves(fitter)])
@@ -252,8 +270,8 @@ class Explorer:
         beam: list[tuple[Found, Fitter]] = [(self.empty, fitter)]
         for depth in range(MOST):
             drafts: list[Found] = []
-            for model, own in beam:
-                drafts += self._extend(model, own, 12 if depth == 0 else 8)
+            for place, (model, own) in enumerate(beam):
+                drafts += self._extend(model, own, 12 if depth == 0 else 8 if place == 0 else 5)
             drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.train)}.values())
             drafts.sort(key=lambda one: one.train)
             if not drafts or self.late:
@@ -267,7 +285,7 @@ class Explorer:
             self.found += [model for model, _ in grown]
             grown.sort(key=lambda pair: pair[0].held_out)
             best = grown[0][0]
-            if not self._better(before, best):
+            if not self.better(before, best):
                 break
             # A model far from the noise may still be half of the truth, but not where another has reached it.
             beam = [pair for pair in grown[:BEAM] if pair[0].held_out < (1.2 if best.held_out < 1.2 else 30.0) * best.held_out]
@@ -291,7 +309,7 @@ class Explorer:
     def _with_curves(self, chosen: Found) -> Found:
         """`chosen` and, where a nameless curve predicts held-out recordings much better, that curve with what is still needed beside it."""
         for _ in self.rig.joints:
-            if self.late:
+            if self.late or (chosen.train < CLEAN and chosen.held_out < CLEAN):
                 break
             fitter = self.fits.fitter(chosen.effects)
             present = {(one.target, one.signal) for one in chosen.effects if isinstance(one, UnknownTorque)}
@@ -301,7 +319,7 @@ class Explorer:
             if share < CURVE_MATERIAL:
                 break
             rich = self._with_curve(chosen.effects, replace(curve, torque=tuple(torques)))
-            if gain(chosen, rich, self.fits.held_out)[0] < CURVE_MATERIAL or not self._better(chosen, rich):
+            if gain(chosen, rich, self.fits.held_out)[0] < CURVE_MATERIAL or not self.better(chosen, rich):
                 break
             chosen = rich
             for effect in [one for one in chosen.effects if not isinstance(one, UnknownTorque)]:
@@ -354,7 +372,7 @@ class Explorer:
         ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
         fitted = self._each(_fit, (fitter,), [[*model.effects, looked.best[one]] for one in ranked[:tried]])
         fitted.sort(key=lambda one: float(one.cost.sum()))
-        drafts = self._each(_simulate, (fitter,), fitted[:5])
+        drafts = self._each(_simulate, (fitter,), fitted[: tried // 2])
         for draft in drafts:
             self._report(draft)
         return drafts
@@ -377,12 +395,12 @@ class Explorer:
             return
         self._say(f"noise {self.fits.sigma} -> {sigma}")
         self.fits.sigma = sigma
-        fitter = self.fits.fitter()
+        fitter = self.fitter_now
         nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
         self.empty = self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing, final=True))
         self.found = [self.empty]
 
-    def _better(self, simple: Found, rich: Found) -> bool:
+    def better(self, simple: Found, rich: Found) -> bool:
         """Whether `rich` predicts held-out windows better than `simple`, beyond two standard errors and by a material amount."""
         share, error = gain(simple, rich, self.fits.held_out)
         return share > 2 * error and share > MATERIAL
@@ -390,16 +408,22 @@ class Explorer:
     def _simplest(self) -> Found:
         """The model of fewest parameters that no other beats on held-out windows."""
         best = min(self.found, key=lambda one: one.held_out)
-        equal = [one for one in self.found if not self._better(one, best)]
+        equal = [one for one in self.found if not self.better(one, best)]
         fewest = min((len(one.effects), one.parameters) for one in equal)
         chosen = min((one for one in equal if (len(one.effects), one.parameters) == fewest), key=lambda one: one.held_out)
         # What was picked up on the way may be needless now.
-        for effect in chosen.effects if len(chosen.effects) > 1 else ():
-            less, _ = self.fits.polished([other for other in chosen.effects if other is not effect])
-            self.found.append(less)
-            self._report(less)
-            if not self._better(less, chosen):
-                chosen = less
+        while len(chosen.effects) > 1:
+            known = {one.key: one for one in self.found}
+            fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
+            new = [effects for effects in fewer if _key(effects) not in known]
+            for less, _ in self._each(_polish, (), new):
+                self.found.append(less)
+                self._report(less)
+            known = {one.key: one for one in self.found}
+            kept = [known[_key(effects)] for effects in fewer if not self.better(known[_key(effects)], chosen)]
+            if not kept:
+                break
+            chosen = min(kept, key=lambda one: one.held_out)
         return chosen
 
 
@@ -417,7 +441,7 @@ def _fit(fits: Fits, fitter: Fitter, effects: Sequence[Effect]) -> Fitted:
 
 
 def _simulate(fits: Fits, fitter: Fitter, fitted: Fitted) -> Found:
-    return fits.judged(fitter, fits.in_simulator(fitter, fitted))
+    return fits.judged(fitter, fits.in_simulator(fitter, fitted, iterations=1))
 
 
 def _polish(fits: Fits, effects: Sequence[Effect]) -> tuple[Found, Fitter]:

@@ -1,0 +1,148 @@
+"""The whole diagnosis on small mechanisms with a known effect, on the command line as a user would, and on what it must refuse."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from mpge_bench.diagnosis.diagnose import diagnose, diagnose_files
+from mpge_bench.diagnosis.recording import read_recordings
+from mpge_bench.diagnosis.rig import read_rig
+from mpge_bench.envs.effects import CoulombFriction, Delay, Effect, TorqueGain, UnknownTorque
+
+SECONDS, PERIOD = 5.0, 0.01
+PENDULUM = (
+    '<robot name="rig"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.25"/><mass value="1"/>'
+    '<inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hinge" type="continuous">'
+    '<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><dynamics damping="0.02"/></joint></robot>'
+)
+
+
+def write_case(folder: Path, effects: Sequence[Effect] = (), *, recordings: int = 4, noise: float = 5e-4, velocities: bool = True) -> Path:
+    """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.urdf").write_text(PENDULUM)
+    rig_path = folder / "rig.yaml"
+    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": 0.001, "record_period": PERIOD, "joints": {"hinge": {"mode": "torque"}}}))
+    rng = np.random.default_rng(1)
+    world = read_rig(rig_path).world(effects, timestep=0.0005, substeps=20)
+    for number in range(recordings):
+        parts = [(rng.uniform(0.3, 1.0), rng.uniform(0.3, 2.0), rng.uniform(0, 6)) for _ in range(3)]
+        world.set_state([rng.uniform(-0.5, 0.5)], [0.0])
+        rows = []
+        for row in range(round(SECONDS / PERIOD)):
+            u = sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
+            rows.append([row * PERIOD, u, world.q[0] + noise * rng.standard_normal(), world.dq[0] + 10 * noise * rng.standard_normal()])
+            world.step([u])
+        columns = ["time", "u_hinge", "q_hinge", "dq_hinge"][: 4 if velocities else 3]
+        np.savetxt(folder / f"train_{number}.csv", np.array(rows)[:, : len(columns)], delimiter=",", header=",".join(columns), comments="")
+    return rig_path
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "mpge_bench", *arguments], capture_output=True, text=True, timeout=300)
+
+
+def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueGain("hinge", 0.8)])
+    done = command("diagnose", "--rig", str(rig), "--recording", str(tmp_path / "train_*.csv"), "--out", str(tmp_path / "report"))
+    assert done.returncode == 0, done.stderr
+    assert "hinge's motor delivers 80" in done.stdout
+    data = json.loads((tmp_path / "report" / "diagnosis.json").read_text())
+    assert data["schema"] == "mpge_bench/diagnosis/1"
+    assert data["verdict"] == "explained"
+    assert [(one["effect"], one["target"]) for one in data["effects"]] == [("torque_gain", "hinge")]
+    gain = data["effects"][0]["parameters"]["gain"]
+    assert gain["value"] == pytest.approx(0.8, rel=0.01)
+    assert gain["low"] <= gain["value"] <= gain["high"]
+    assert data["where"][0]["name"] == "hinge"
+    held = data["fit"]["held_out"]
+    assert held["after"] < 1.3 * held["noise_floor"] < held["before"] / 10
+    assert "hinge" in (tmp_path / "report" / "report.html").read_text()
+    # The corrected rig is a rig again: it predicts, and has no mismatch left.
+    corrected = tmp_path / "report" / "corrected.yaml"
+    predicted = command("simulate", "--rig", str(corrected), "--recording", str(tmp_path / "train_3.csv"), "--out", str(tmp_path / "predicted.csv"))
+    assert predicted.returncode == 0, predicted.stderr
+    again = read_rig(corrected)
+    recordings = read_recordings([tmp_path / f"train_{number}.csv" for number in range(4)], again)
+    assert diagnose(again, recordings).data["verdict"] == "no_mismatch"
+
+
+def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, velocities=False)
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    assert found.data["verdict"] == "no_mismatch"
+    assert found.data["p_value"] >= 0.01
+    assert found.data["effects"] == []
+    assert "effects" not in yaml.safe_load((tmp_path / "report" / "corrected.yaml").read_text()) or not found.effects
+
+
+def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False)
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    values = {one["effect"]: one["parameters"] for one in found.data["effects"]}
+    assert set(values) == {"delay", "coulomb_friction"}
+    assert values["delay"]["seconds"]["value"] == pytest.approx(0.02, abs=0.001)
+    assert values["coulomb_friction"]["torque"]["value"] == pytest.approx(0.15, rel=0.05)
+
+
+def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
+    at = np.linspace(-4, 4, 400)
+    rig = write_case(tmp_path, [UnknownTorque("hinge", "q", tuple(at), tuple(0.4 * np.sin(7 * at)))])
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    assert found.data["verdict"] == "unexplained"
+    assert {one["effect"] for one in found.data["effects"]} <= {"unknown"}
+    assert found.data["where"][0]["name"] == "hinge"
+    held = found.data["fit"]["held_out"]
+    assert held["after"] < held["before"] / 4
+
+
+def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueGain("hinge", 0.8), CoulombFriction("hinge", 0.2)])
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1, seconds=1.0)
+    assert not found.data["complete"]
+    assert "best answer so far" in " ".join(found.summary)
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda text: text.replace("q_hinge", "angle", 1), "no column q_hinge"),
+        (lambda text: text.replace("u_hinge", "u_wrist", 1), "u_wrist"),
+        (lambda text: "\n".join([*text.splitlines()[:40], "0.39,nan,0,0", *text.splitlines()[41:]]), "column u_hinge, row 40"),
+        (lambda text: "\n".join([*text.splitlines()[:40], "0.1,0,0,0", *text.splitlines()[41:]]), "column time, row 40"),
+        (lambda text: "\n".join(text.splitlines()[:10]), "too short"),
+    ],
+)
+def test_bad_recordings_are_refused_and_an_earlier_report_stays(tmp_path: Path, damage: object, says: str) -> None:
+    rig = write_case(tmp_path, recordings=1)
+    report = tmp_path / "report"
+    report.mkdir()
+    (report / "diagnosis.json").write_text("earlier")
+    text = (tmp_path / "train_0.csv").read_text()
+    assert callable(damage)
+    (tmp_path / "train_0.csv").write_text(damage(text))
+    done = command("diagnose", "--rig", str(rig), "--recording", str(tmp_path / "train_*.csv"), "--out", str(report))
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert "train_0.csv" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert (report / "diagnosis.json").read_text() == "earlier"
+    assert [path.name for path in report.iterdir()] == ["diagnosis.json"]
+
+
+def test_an_unstable_simulation_is_refused(tmp_path: Path) -> None:
+    rig = write_case(tmp_path)
+    data = yaml.safe_load(rig.read_text()) | {"timestep": 0.01, "effects": [{"effect": "joint_spring", "target": "hinge", "stiffness": 1e5, "rest": 0.0}]}
+    rig.write_text(yaml.safe_dump(data))
+    done = command("diagnose", "--rig", str(rig), "--recording", str(tmp_path / "train_*.csv"), "--out", str(tmp_path / "report"))
+    assert done.returncode == 2
+    assert "unstable" in done.stderr
+    assert not (tmp_path / "report").exists()
