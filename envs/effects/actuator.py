@@ -16,7 +16,7 @@ from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
 class PositionServo(Effect):
     """A position controller: the command is a target angle u, the torque is ``kp (u - q) - kd dq``, renewed every `servo_period` seconds.
 
-    What a rig's joint in position mode is; a target angle must not pass through any other effect before.
+    What a rig's joint in position mode is; a target angle must not pass through any other effect before. NaN for a target is a servo switched off.
     """
 
     kp: float
@@ -33,7 +33,8 @@ class PositionServo(Effect):
         every = max(1, round(self.servo_period / hidden.timestep))
         count, torque = hidden.state or (0, None)
         if count % every == 0:
-            torque = self.kp * (command[joint] - q[joint]) - self.kd * dq[joint]
+            wanted = command[joint]
+            torque = np.where(np.isnan(wanted), 0.0, self.kp * (wanted - q[joint]) - self.kd * dq[joint])[()]
         hidden.state = (count + 1, torque)
         command[joint] = torque
 

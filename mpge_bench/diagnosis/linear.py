@@ -22,7 +22,7 @@ from scipy.linalg import expm
 from mpge_bench.diagnosis.dynamics import Tree, body_parameters
 from mpge_bench.diagnosis.motion import WARM_UP, Motion, between
 from mpge_bench.diagnosis.rig import Rig
-from mpge_bench.envs.effects import Armature, Delay, Effect, Hidden
+from mpge_bench.envs.effects import Armature, Delay, Effect, Hidden, PositionServo
 from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 LEAD = 0.01
 
 
-def drive(chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, lead: float = 0.0) -> Array:
+def drive(chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, lead: float = 0.0, inertia: Array | None = None) -> Array:
     """Joint torques that `chain` delivers along a given motion.
 
     Args:
@@ -41,6 +41,7 @@ def drive(chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, st
         step: physics step, s.
         spread: uncertainty of dq, rad/s, shape (joints,): dry friction changes sign over as much.
         lead: dry friction goes by the velocity this much later, s.
+        inertia: what each joint offers to a torque, kg m², shape (joints,), as `Hidden` has it; needed for motors with a hidden state.
 
     Returns:
         Torques, same shape.
@@ -48,8 +49,8 @@ def drive(chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, st
     command = u.copy()
     rubbing: list[tuple[int, Array]] = []
     for effect, joint in chain:
-        memory = Hidden(step)
-        if effect.remembers:
+        memory = Hidden(step) if inertia is None else Hidden(step, float(inertia[joint]))
+        if effect.remembers or (isinstance(effect, PositionServo) and effect.servo_period > 1.5 * step):
             for index in range(u.shape[-1]):
                 now = command[..., index]
                 effect.actuate(now, joint, q[..., index], dq[..., index], memory)
@@ -104,6 +105,9 @@ class Linear:
             effect.install(self.model)
         self.gravity = np.array(self.model.gravity or rig.gravity)
         self.rotors = np.array([sum(effect.inertia for effect in rig.chain(base) if isinstance(effect, Armature) and effect.target == name) for name in rig.joints])
+        still = np.zeros(len(rig.joints))
+        #: What each joint offers to a torque at zero, kg m².
+        self.offered = 1 / np.diagonal(np.linalg.inv(Tree(self.model, rig.joints).mass_matrix(still) + np.diag(self.rotors)))
         self._index = {joint: column for column, joint in enumerate(rig.joints)}
         self.motion = motion
         self._linearise()
@@ -119,7 +123,7 @@ class Linear:
         count, rows, steps, n = motion.u.shape
         q, dq = motion.fine()
         flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
-        torque = drive(self.chain(effects), *flat, motion.step, motion.spread)
+        torque = drive(self.chain(effects), *flat, motion.step, motion.spread, inertia=self.offered)
         return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
 
     def _linearise(self) -> None:
@@ -419,7 +423,7 @@ class Search:
         remembers = any(effect.remembers for effect, _ in chain)
         u, q, dq = self._histories(remembers)
         n, count = u.shape[0], u.shape[1]
-        torque = drive(chain, u, q, dq, self.linear.motion.step, self.linear.motion.spread, lead)
+        torque = drive(chain, u, q, dq, self.linear.motion.step, self.linear.motion.spread, lead, self.linear.offered)
         steps = self.linear.motion.u.shape[2]
         return np.moveaxis(torque.reshape(n, count, -1, steps).mean(-1)[:, :, -self.windows.length :], 0, -1)
 

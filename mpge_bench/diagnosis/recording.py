@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from mpge_bench.diagnosis.dynamics import Tree
 from mpge_bench.diagnosis.rig import Rig
-from mpge_bench.envs.effects import PositionServo
+from mpge_bench.envs.effects import Armature, PositionServo
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -32,7 +33,8 @@ class Recording:
     Attributes:
         path: the file.
         time: s, shape (rows,), rising.
-        u: commands, N m, N or (position mode) rad, shape (rows, joints); row i acts until row i + 1.
+        u: commands, N m, N or (position mode) rad, shape (rows, joints); row i acts until row i + 1. Where a column ``enabled_<joint>`` is 0 the motor is
+            off: torque 0, or NaN for a target angle.
         q: recorded positions, rad or m, same shape.
         dq: recorded velocities, same shape; NaN in the columns of joints without.
     """
@@ -99,6 +101,10 @@ def read_recording(path: Path, rig: Rig) -> Recording:
         seconds = time[-1] - time[0] if len(time) else 0.0
         raise UserError(f"{path}: too short, {len(time)} rows over {seconds:.2f} s; at least {FEWEST_ROWS} rows and {SHORTEST} s are needed")
     nothing = np.zeros(len(time))
+    for joint in rig.driven:
+        if f"enabled_{joint}" in table.columns:
+            on = pd.to_numeric(table[f"enabled_{joint}"], errors="coerce").to_numpy(float) != 0
+            values[f"u_{joint}"] = np.where(on, values[f"u_{joint}"], np.nan if rig.modes[joint] == "position" else 0.0)
     return Recording(
         path,
         time,
@@ -180,17 +186,23 @@ def _too_fast(recording: Recording, rig: Rig, column: int) -> bool:
 
     motion = np.stack(differentiate(recording), 1)
     turned = np.where([rig.model.is_prismatic(joint) for joint in rig.joints], 1.0, np.pi / 180) * motion
-    world, still = rig.world(), np.zeros(len(rig.joints))
+    model = rig.model.copy()
+    for effect in rig.nominal:
+        effect.install(model)
+    tree, gravity = Tree(model, rig.joints), np.array(model.gravity or rig.gravity)
+    rotor = sum(effect.inertia for effect in rig.nominal if isinstance(effect, Armature) and effect.target == rig.joints[column])
     servo = next((effect for effect in rig.nominal if isinstance(effect, PositionServo) and effect.target == rig.joints[column]), None)
     given = recording.u[:, column] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(motion))
-    rows = range(0, len(motion), max(1, len(motion) // 300))
-    available = max(abs(float(given[row])) + abs(float(world.inverse_dynamics(motion[row, 0], still, still)[column])) for row in rows)
+    still = np.zeros_like(motion[:, 0])
+    available = float(np.abs(given).max() + np.abs(tree.inverse_dynamics(motion[:, 0], still, still, gravity)[:, column]).max())
 
     def lacking(motion: Array) -> float:
-        torques = given.copy()
+        q, dq, ddq = np.moveaxis(motion, 1, 0)
+        torques = tree.inverse_dynamics(q, dq, ddq, gravity)[:, column] + rotor * ddq[:, column] - given
         if servo is not None:
-            torques += servo.kp * (recording.u[:, column] - motion[:, 0, column]) - servo.kd * motion[:, 1, column]
-        return float(np.std([world.inverse_dynamics(*motion[row])[column] - torques[row] for row in rows]))
+            # No target, no torque.
+            torques -= np.nan_to_num(servo.kp * (recording.u[:, column] - q[:, column]) - servo.kd * dq[:, column])
+        return float(np.std(torques))
 
     would = lacking(turned)
     return would < available / 2 and lacking(motion) > max(5 * would, available / 5)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from mpge_bench.diagnosis.linear import Search
 from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, with_parameters
@@ -89,23 +89,35 @@ class Fitter:
         self._numeric, self._limits = numeric, limits
         self.residual, self.free = self.settle(search.residual(), self.base)
 
-    def settle(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None) -> tuple[Array, Array]:
+    def settle(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None, sensitivity: Array | None = None) -> tuple[Array, Array]:
         """`residual` of the model with `effects` less what simulators do differently, within limits, and those differences that are within them.
 
         Args:
             halved: how the prediction changes with half the physics step, if that is known better than from the linearised simulator.
+            sensitivity: if given, motors with a hidden state are also forgiven a physics step of delay, and the parameters' answer to it. For judging, not for
+                fitting: the parameters would be blurred by it.
         """
-        lead, later = self.search.leading(effects), self.search.later(effects)
+        lead, later = self.search.leading(effects), self.search.later(effects) if sensitivity is not None else []
+        if later and sensitivity is not None:
+            size = np.sqrt((sensitivity**2).sum((1, 2), keepdims=True))
+            later_limits = [(-1.0, 1.0)] * len(later) + [(-np.inf, np.inf)] * len(sensitivity)
+            later = [*later, *(sensitivity / np.where(size > 0, size, 1.0))]
+        else:
+            later_limits = []
         numeric = np.array([self._numeric[0] if halved is None else halved, *self._numeric[1:], *([] if lead is None else [lead]), *later])
-        limits = np.array([*self._limits, *([] if lead is None else [(-0.3, 1.3)]), *[(-1.0, 1.0)] * len(later)])
+        limits = np.array([*self._limits, *([] if lead is None else [(-0.3, 1.3)]), *later_limits])
         fitted = numeric[:, self.train].reshape(len(numeric), -1)
         gram, right = fitted @ fitted.T, fitted @ residual[self.train].ravel()
-        size = np.zeros(len(right))
-        # Coordinate descent: a handful of bounded unknowns.
-        for _ in range(20):
-            for index in range(len(size)):
-                rest = right[index] - gram[index] @ size + gram[index, index] * size[index]
-                size[index] = np.clip(rest / max(gram[index, index], 1e-12), *limits[index])
+        if later:
+            root = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)))
+            size = lsq_linear(root.T, np.linalg.solve(root, right), limits.T).x
+        else:
+            size = np.zeros(len(right))
+            # Coordinate descent: a handful of bounded unknowns.
+            for _ in range(20):
+                for index in range(len(size)):
+                    rest = right[index] - gram[index] @ size + gram[index, index] * size[index]
+                    size[index] = np.clip(rest / max(gram[index, index], 1e-12), *limits[index])
         inside = (size > limits[:, 0]) & (size < limits[:, 1])
         return residual - np.tensordot(size, numeric, 1), numeric[inside]
 

@@ -145,7 +145,9 @@ class Fits:
         if final:
             coarse, fine = (self._predicted(fitter, effects, starts, parts) for parts in (1, 2))
             if coarse is not None and fine is not None:
-                misses, fitter.free = fitter.settle(search.project(search.measured - coarse), effects, search.project(fine - coarse))
+                misses, fitter.free = fitter.settle(
+                    search.project(search.measured - coarse), effects, search.project(fine - coarse), fitted.sensitivity
+                )
         return Fitted(tuple(effects), misses, fitted.sensitivity)
 
     def _predicted(self, fitter: Fitter, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
@@ -278,8 +280,12 @@ class Explorer:
                 break
             if depth == 0:
                 self._renew_noise(drafts[0])
-            before = beam[0][0]
-            grown = self._each(_polish, (), [one.effects for one in drafts[:4]])
+            # The noise may just have been estimated anew, and the empty model with it.
+            before = beam[0][0] if depth else self.empty
+            # Where one model is near, one that is far off cannot catch up.
+            grown = self._each(_polish, (), [one.effects for one in drafts[:4] if one.train < 10 * drafts[0].train])
+            grown.sort(key=lambda pair: pair[0].train)
+            grown[0] = self._converged(*grown[0])
             for model, _ in grown:
                 self._report(model)
             self.found += [model for model, _ in grown]
@@ -366,6 +372,19 @@ class Explorer:
         torques = solve(train, best)
         return ratio(torques, np.flatnonzero(held)), torques
 
+    def _converged(self, model: Found, fitter: Fitter) -> tuple[Found, Fitter]:
+        """`model` fitted anew about its own fit until that no longer helps."""
+        for _ in range(4):
+            if model.train < CLEAN:
+                break
+            again = self.fits.polished(model.effects)
+            gained = model.train - again[0].train
+            if gained > 0:
+                model, fitter = again
+            if gained < 0.05 * model.train:
+                break
+        return model, fitter
+
     def _extend(self, model: Found, fitter: Fitter, tried: int) -> list[Found]:
         """Models of one more effect than `model`, fitted roughly, those that promise most."""
         looked = self.screening if not model.effects else screen(fitter, self.candidates, model.fitted.misses, present=model.effects, draws=49)
@@ -401,9 +420,12 @@ class Explorer:
         self.found = [self.empty]
 
     def better(self, simple: Found, rich: Found) -> bool:
-        """Whether `rich` predicts held-out windows better than `simple`, beyond two standard errors and by a material amount."""
-        share, error = gain(simple, rich, self.fits.held_out)
-        return share > 2 * error and share > MATERIAL
+        """Whether `rich` predicts better than `simple`: held-out windows by a material amount, and all windows beyond two standard errors.
+
+        A handful of parameters cannot overfit thousands of rows by a material share, and the held-out windows of a few seconds are too few for a test.
+        """
+        share, error = gain(simple, rich, np.ones_like(self.fits.held_out))
+        return share > 2 * error and gain(simple, rich, self.fits.held_out)[0] > MATERIAL
 
     def _simplest(self) -> Found:
         """The model of fewest parameters that no other beats on held-out windows."""

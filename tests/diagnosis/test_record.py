@@ -83,8 +83,7 @@ def test_simulate_writes_the_prediction_and_how_far_it_is_off(pendulum: Path, tm
         error = np.sqrt(np.mean((predicted[column] - recorded[column]) ** 2))
         assert f"{error:.4g} {unit}" in said
     other = out.with_suffix(".parquet")
-    code, said, err = call("simulate", "--rig", corrected, "--recording", pendulum / "episode_00.csv", "--out", other)
-    assert code == 0, err
+    cli.simulate(corrected, pendulum / "episode_00.csv", out=other)
     assert pd.read_parquet(other)["q_hinge"].to_numpy() == pytest.approx(recorded["q_hinge"].to_numpy(), abs=1e-6)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["predicted.csv", "predicted.parquet"]
 
@@ -139,10 +138,9 @@ def test_a_recording_repeats_and_noise_is_on_the_recording_alone(tmp_path: Path)
     assert read_rig(tmp_path / "a" / "rig.yaml").noise == {}
 
 
-def test_robots_on_the_ground_are_recorded_without_a_rig(tmp_path: Path) -> None:
-    code, said, err = call("record", "--task", "broken_hopper", "--episodes", 2, "--out", tmp_path)
-    assert code == 0, err
-    assert "`diagnose` cannot take robots with ground contact, such as the hopper, yet" in said
+def test_robots_on_the_ground_are_recorded_without_a_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cli.record("broken_hopper", tmp_path, episodes=2)
+    assert "`diagnose` cannot take robots with ground contact, such as the hopper, yet" in capsys.readouterr().out
     assert sorted(path.name for path in tmp_path.iterdir()) == ["episode_00.csv", "episode_01.csv"]
     hopper, found = ROBOTS["hopper"], pd.read_csv(tmp_path / "episode_00.csv")
     assert list(found.columns) == ["time", *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq") for joint in hopper.joints)]

@@ -155,8 +155,8 @@ def effects(draw: st.DrawFn, rig: Rig) -> Effect:
     values: dict[str, Any] = {}
     points = draw(st.integers(1, 4))
     for parameter, bound in kind.parameters.items():
-        # Away from the ends of the range, whose worlds PyBullet may not hold.
-        low, high = max(bound.low, 1e-3 if bound.low >= 0 else -9.0), min(bound.high, 9.0)
+        # PyBullet's dynamics functions fail on links of a few kg m², for rounding alone.
+        low, high = max(bound.low, 1e-3 if bound.low >= 0 else -0.5), min(bound.high, 0.5)
         number, count = st.floats(low, high), bound.size or points
         values[parameter] = draw(number if bound.size == 1 else st.lists(number, min_size=count, max_size=count, unique=True).map(sorted).map(tuple))
     if kind is UnknownTorque:

@@ -1,0 +1,210 @@
+"""The linearised simulator says what PyBullet does, but for what is second order in the change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from mpge_bench.diagnosis.linear import Linear, Search, drive, windows_of
+from mpge_bench.diagnosis.motion import Motion, motion_of
+from mpge_bench.diagnosis.recording import Recording
+from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.simulator import Predictor
+from mpge_bench.envs.effects import (
+    AirDrag,
+    Armature,
+    BackEmfLimit,
+    ComOffset,
+    Delay,
+    Effect,
+    ExternalForce,
+    Gravity,
+    InertiaScale,
+    JointElasticity,
+    JointSpring,
+    Lag,
+    MassScale,
+    Payload,
+    PositionServo,
+    SensorBias,
+    SensorDelay,
+    SensorScale,
+    TorqueBias,
+    TorqueGain,
+    UnknownTorque,
+    ViscousFriction,
+)
+from mpge_bench.envs.world import World
+
+from .conftest import record
+
+Array = npt.NDArray[np.float64]
+
+
+def exact(rig: Rig, recording: Recording) -> Motion:
+    """The recording, which has no noise, as the reference motion."""
+    motion = motion_of([recording], rig)
+    n = motion.joints
+    return replace(motion, state=motion.measured, spread=np.full(n, 1e-6), sigma=np.ones(2 * n))
+
+
+class Case:
+    """A window of the rig's own motion, in PyBullet and linearised."""
+
+    def __init__(self, rig: Rig, period: float = 0.005) -> None:
+        self.rig, self.recording = rig, record(rig, period=period)
+        motion = exact(rig, self.recording)
+        self.linear = Linear(rig, motion)
+        windows = windows_of(motion, 0.2)
+        self.search = Search(self.linear, windows, motion.sigma)
+        self.index = len(windows.start) // 2
+        self.rows = windows.start[self.index] + np.arange(windows.length + 1)
+        self.state = motion.state[0]
+
+    def moved(self, start: Array | float = 0.0, effects: Sequence[Effect] = ()) -> Array:
+        """How PyBullet's prediction changes if it begins `start` off the reference, under `effects`; shape (rows, 2 joints)."""
+        first = int(self.rows[0])
+        return Predictor(self.rig, effects).run(self.recording, first, self.rows, self.state[first] + start, self.state) - self.state[self.rows]
+
+    def started(self, start: Array) -> Array:
+        """What the linearised simulator makes of the same start."""
+        found = [start]
+        for row in self.rows[:-1]:
+            found.append(self.linear.a[0, row] @ found[-1])
+        return np.array(found)
+
+    def changed(self, effects: Sequence[Effect]) -> Array:
+        """What it makes of the same effects."""
+        search = self.search
+        forcing = search.torques(effects) - search.delivered + search.bodies.torques(effects)
+        return np.asarray((search.propagate(forcing) + search.sensed(effects))[self.index])
+
+
+@pytest.fixture(scope="module")
+def case(rig: Rig) -> Case:
+    """A fifth of a second, in rows of 5 ms."""
+    return Case(rig)
+
+
+def test_the_simulators_own_motion_has_no_defects(case: Case) -> None:
+    n = case.linear.motion.joints
+    assert np.abs(case.linear.defects[..., :n]).max() < 5e-5
+    assert np.abs(case.linear.defects[..., n:]).max() < 5e-3
+    assert np.abs(case.linear.residual_torques()).max() < 0.05 * np.abs(case.linear.motion.u).max()
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_a_start_that_is_off_is_followed_to_second_order(case: Case, channel: int) -> None:
+    off = np.eye(4)[channel]
+    bent = []
+    for size in (0.1, 0.05, 0.025):
+        there, back = case.moved(size * off), case.moved(-size * off)
+        straight = case.started(size * off)
+        # What is first order: all but what rows of 5 ms, each linearised at its beginning, leave out.
+        assert np.abs((there - back) / 2 - straight).max() < 0.05 * np.abs(straight).max()
+        bent.append(np.abs((there + back) / 2).max())
+    assert bent[0] / bent[1] == pytest.approx(4, rel=0.1)
+    assert bent[1] / bent[2] == pytest.approx(4, rel=0.1)
+
+
+EFFECTS: dict[str, Callable[[float], Effect]] = {
+    "torque_gain": lambda size: TorqueGain("elbow", 1 - size),
+    "torque_bias": lambda size: TorqueBias("shoulder", 0.5 * size),
+    "viscous_friction": lambda size: ViscousFriction("elbow", 0.05 * size),
+    "air_drag": lambda size: AirDrag("elbow", 0.01 * size),
+    "joint_spring": lambda size: JointSpring("shoulder", 2 * size, 0.1),
+    "armature": lambda size: Armature("elbow", 0.005 * size),
+    "payload": lambda size: Payload("lower", 0.3 * size, 0.2),
+    "com_offset": lambda size: ComOffset("lower", 0.05 * size, 0.0, 0.02 * size),
+    "inertia_scale": lambda size: InertiaScale("upper", 1 + size),
+    "mass_scale": lambda size: MassScale("lower", 1 + 0.3 * size),
+    "gravity": lambda size: Gravity("world", (size, 0.0, -9.81 + size)),
+    "external_force": lambda size: ExternalForce("lower", (size, 0.0, size)),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effects_change_is_predicted_to_second_order(case: Case, name: str) -> None:
+    def missed(size: float) -> Array:
+        effects = [EFFECTS[name](size)]
+        return case.moved(effects=effects) - case.changed(effects)
+
+    size = 0.05
+    assert np.abs(missed(size)).max() < 0.06 * np.abs(case.moved(effects=[EFFECTS[name](size)])).max()
+    # Rows of 5 ms leave out something that is first order; it drops out of second differences.
+    bent = [np.abs(missed(2 * part) - 2 * missed(part)).max() for part in (size, size / 2, size / 4)]
+    assert bent[0] / bent[1] == pytest.approx(4, rel=0.15)
+    assert bent[1] / bent[2] == pytest.approx(4, rel=0.1)
+
+
+def test_what_is_first_order_falls_with_the_row_period(rig: Rig) -> None:
+    effects = [TorqueGain("elbow", 0.999)]
+    missed = [np.abs(case.moved(effects=effects) - case.changed(effects)).max() for case in (Case(rig, 0.02), Case(rig, 0.005))]
+    assert missed[1] < 0.4 * missed[0]
+
+
+@pytest.mark.parametrize(
+    "effects", [(Delay("elbow", 0.004),), (Delay("shoulder", 0.0125),), (Lag("elbow", 0.01),), (Lag("shoulder", 0.02), Delay("elbow", 0.01))]
+)
+def test_effects_with_hidden_states_are_predicted(case: Case, effects: Sequence[Effect]) -> None:
+    moved = case.moved(effects=effects)
+    assert np.abs(moved - case.changed(effects)).max() < 0.1 * np.abs(moved).max()
+
+
+@pytest.mark.parametrize("effects", [(SensorBias("elbow", 0.1),), (SensorScale("elbow", 1.1),), (SensorDelay("shoulder", 0.013), SensorScale("shoulder", 0.9))])
+def test_sensors_read_the_same(case: Case, effects: Sequence[Effect]) -> None:
+    assert case.changed(effects) == pytest.approx(case.moved(effects=effects), abs=1e-9)
+
+
+def test_what_a_start_explains_is_projected_out(case: Case) -> None:
+    rng = np.random.default_rng(0)
+    search = case.search
+    error = np.zeros_like(search.state)
+    error[case.index] = case.started(0.01 * rng.standard_normal(4))
+    assert np.abs(search.project(error)).max() < 1e-9
+    assert search.starts(error)[case.index] == pytest.approx(error[case.index, 0], abs=1e-8)
+    assert np.abs(search.project(search.project(error + 1).reshape(error.shape)) - search.project(error + 1)).max() < 1e-9
+
+
+class Watched(World):
+    """Remembers the torques that reached its joints."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        self.delivered: list[list[float]] = []
+        super().__init__(*arguments, **settings)
+
+    def _advance(self, torque: list[float]) -> None:
+        self.delivered.append(list(torque))
+        super()._advance(torque)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        (Delay("elbow", 0.0125),),
+        (Lag("shoulder", 0.03), Lag("elbow", 0.05), Delay("elbow", 0.02)),
+        (JointElasticity("elbow", 30.0, 0.3, 0.02), TorqueGain("elbow", 0.8)),
+        (PositionServo("elbow", 20.0, 0.5), Delay("elbow", 0.003)),
+        (BackEmfLimit("elbow", 0.5, 5.0), UnknownTorque("shoulder", "q", (-1.0, 1.0), (1.0, -1.0)), AirDrag("elbow", 0.1)),
+    ],
+)
+def test_motors_are_driven_as_the_world_drives_them(rig: Rig, effects: Sequence[Effect]) -> None:
+    commands, chain = record(rig, period=0.001, seconds=1.0), rig.chain(effects)
+    world = Watched(rig.model, timestep=0.001, gravity=rig.gravity, effects=chain)
+    q, dq = commands.q[0], commands.dq[0]
+    world.set_state(q, dq)
+    after = world.roll(commands.u)
+    q, dq = (np.concatenate((first[None], values[:-1])) for first, values in zip((q, dq), after, strict=True))
+    torque = drive([(effect, rig.joints.index(effect.target)) for effect in chain], commands.u.T, q.T, dq.T, 0.001, np.full(2, 1e-9))
+    assert np.abs(torque.T - world.delivered).max() < 1e-12
+    # Many stretches at once are as each alone.
+    both = [np.stack([values.T[:, 300:600], values.T[:, 600:900]], 1) for values in (commands.u, q, dq)]
+    pairs = [(effect, rig.joints.index(effect.target)) for effect in chain]
+    alone = [drive(pairs, *(values[:, one] for values in both), 0.001, np.full(2, 1e-9)) for one in range(2)]
+    assert drive(pairs, *both, 0.001, np.full(2, 1e-9)) == pytest.approx(np.stack(alone, 1), abs=1e-12)
