@@ -6,8 +6,8 @@ FOLDER is as for `concealed.py` (given/, kept/). For each case all methods see t
 0.5 s ahead from recorded states, on the test recordings of kept/, as a multiple of the error that the true effect gives in the same simulator:
 
 - none: the rig as it is;
-- all at once: the parameters that system identification tools fit, all together, on every joint and link (gain, bias, viscous and dry friction, rotor inertia, mass,
-  centre of mass), by the same multi-step prediction as ours;
+- all at once: the parameters that system identification tools fit, all together, on every joint and link (gain, bias, viscous and dry friction, rotor
+  inertia, mass, centre of mass), by the same multi-step prediction as ours;
 - neural: a network (2 x 64 tanh) from all joints' q, dq and command to the torque the simulator lacks, trained on the residual forces, the last training
   recording kept for early stopping, added to the motors' torques;
 - oracle: the true effects' names told, only their parameters fitted;
@@ -117,7 +117,10 @@ def compare(given: Path, kept: Path, jobs: int) -> dict[str, Any]:
     if true:
         starts = {(one.name, one.target): one.starts for one in explorer.candidates}
         # Every start is tried, as the search does; the best on the training recordings counts.
-        tries = [explorer.fits.polished([starts[effect.name, effect.target][min(index, len(starts[effect.name, effect.target]) - 1)] for effect in true])[0] for index in range(3)]
+        tries = [
+            explorer.fits.polished([starts[effect.name, effect.target][min(index, len(starts[effect.name, effect.target]) - 1)] for effect in true])[0]
+            for index in range(3)
+        ]
         told = min(tries, key=lambda one: one.train).effects
     tests = [read_recording(path, rig) for path in sorted(kept.glob("test_*.csv"))]
     effects: dict[str, Sequence[Effect]] = {"none": (), "all at once": together, "neural": network, "oracle": told, "ours": found.effects}

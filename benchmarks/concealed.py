@@ -73,7 +73,17 @@ def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
     label = yaml.safe_load((kept / "label.yaml").read_text())
     truth = label["effects"]
     named = " + ".join(f"{one['effect']}:{one['target']}" for one in truth) or "nothing"
-    row: dict[str, Any] = {"case": given.name, "truth": named, "found": "failed", "verdict": "-", "right": "no", "parameter": "-", "p": "-", "error": "-", "before": "-"}
+    row: dict[str, Any] = {
+        "case": given.name,
+        "truth": named,
+        "found": "failed",
+        "verdict": "-",
+        "right": "no",
+        "parameter": "-",
+        "p": "-",
+        "error": "-",
+        "before": "-",
+    }
     row["s"] = (out / "seconds.txt").read_text() if (out / "seconds.txt").exists() else "-"
     row["pass"] = "no"
     if not (out / "diagnosis.json").exists():

@@ -27,11 +27,16 @@ from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
 
-#: Simulators differ in when dry friction turns round: PyBullet's does when the velocity does, MuJoCo's as long before as its constraints take to act, about this, s.
+#: Simulators differ in when dry friction turns round: PyBullet's does when the velocity does, MuJoCo's as long before as its constraints take to act,
+#: about this, s.
 LEAD = 0.01
+#: Windows count less in which half the physics step changes the prediction by more than about this many standard deviations of the noise.
+COARSE = 4.0
 
 
-def drive(chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, lead: float = 0.0, inertia: Array | None = None) -> Array:
+def drive(
+    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, lead: float = 0.0, inertia: Array | None = None
+) -> Array:
     """Joint torques that `chain` delivers along a given motion.
 
     Args:
@@ -104,7 +109,9 @@ class Linear:
         for effect in rig.chain(base):
             effect.install(self.model)
         self.gravity = np.array(self.model.gravity or rig.gravity)
-        self.rotors = np.array([sum(effect.inertia for effect in rig.chain(base) if isinstance(effect, Armature) and effect.target == name) for name in rig.joints])
+        self.rotors = np.array(
+            [sum(effect.inertia for effect in rig.chain(base) if isinstance(effect, Armature) and effect.target == name) for name in rig.joints]
+        )
         still = np.zeros(len(rig.joints))
         #: What each joint offers to a torque at zero, kg m².
         self.offered = 1 / np.diagonal(np.linalg.inv(Tree(self.model, rig.joints).mass_matrix(still) + np.diag(self.rotors)))
@@ -123,7 +130,7 @@ class Linear:
         count, rows, steps, n = motion.u.shape
         q, dq = motion.fine()
         flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
-        torque = drive(self.chain(effects), *flat, motion.step, motion.spread, inertia=self.offered)
+        torque = drive(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, inertia=self.offered)
         return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
 
     def _linearise(self) -> None:
@@ -148,7 +155,7 @@ class Linear:
         soft = motion.spread + 1e-3
 
         def answer(q: Array, dq: Array) -> Array:
-            return drive(chain, fine[0], q, dq, motion.step, soft).mean(-1)
+            return np.asarray(drive(chain, fine[0], q, dq, motion.step, soft).mean(-1))
 
         at = answer(fine[1], fine[2])
         for joint, unit in enumerate(small * np.eye(n)):
@@ -293,9 +300,7 @@ class Bodies:
         # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
         pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
         self._gravity = np.stack([sum(pull[link] @ self._base[link] for link in pull) for pull in pulls], -1)
-        self._forces = {
-            link: np.stack([-pull[link][..., :4] @ np.append(1.0, linear.model.inertial(link)[1]) for pull in pulls], -1) for link in self._columns
-        }
+        self._forces = {link: np.stack([-pull[link][..., :4] @ np.append(1.0, linear.model.inertial(link)[1]) for pull in pulls], -1) for link in self._columns}
 
     def torques(self, effects: Sequence[Effect]) -> Array:
         """Joint torques, shape (..., joints), that `effects` ask for less than the base does: what they add to the motors'."""
@@ -355,9 +360,12 @@ class Search:
         self._back = max(1, round(0.1 / (motion.step * motion.u.shape[2])))
         #: What a change of the starting state becomes after each row, shape (windows, rows, 2 j, 2 j).
         self.flow = flow
-        self._starts, self._triangle = np.linalg.qr((flow * self.weight[..., None]).reshape(count, -1, 2 * n))
         nothing = np.zeros((count, length, n))
         self.halved_error = self.propagate(nothing, linear.halved[at, before])
+        # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
+        coarse = np.mean((self.halved_error * self.weight) ** 2, axis=(1, 2), where=usable) if usable.any() else np.zeros(count)
+        self.weight = self.weight / np.sqrt(1 + coarse / COARSE**2)[:, None, None]
+        self._starts, self._triangle = np.linalg.qr((flow * self.weight[..., None]).reshape(count, -1, 2 * n))
         self.base_error = self.propagate(nothing, linear.defects[at, before])
         intervals = motion.intervals()[at, before]
         steps = motion.u.shape[2]
@@ -372,7 +380,6 @@ class Search:
         q, dq = (values[at, clipped] for values in motion.fine())
         q[:, warm:], dq[:, warm:] = between(self.state[:, :-1], self.state[:, 1:], intervals, steps)
         rest = (earlier < 0)[..., None, None]
-        servo = np.array([linear.rig.modes[joint] == "position" for joint in linear.rig.joints])
         self._u = motion.u[at, clipped]
         self._q = np.where(rest, q[:, :, :1], q)
         self._dq = np.where(rest, 0.0, dq)
@@ -393,7 +400,9 @@ class Search:
         """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""
         slow = {effect.target for effect in self.linear.rig.chain(effects) if effect.remembers}
         slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
-        now = self.torques(effects) if slow else None
+        if not slow:
+            return []
+        now = self.torques(effects)
         return [self.project(self.propagate(self.torques([*effects, Delay(joint, self.linear.rig.timestep)]) - now)) for joint in sorted(slow)]
 
     def curve(self, joint: int, signal: str, knots: Array) -> Array:
@@ -415,7 +424,7 @@ class Search:
     def range_of(self, joint: int, signal: str) -> Array:
         """Values of the signal at all rows of all windows."""
         u, q, dq = self._histories(False)
-        return {"q": q, "dq": dq, "command": u}[signal][joint].ravel()
+        return np.asarray({"q": q, "dq": dq, "command": u}[signal][joint].ravel())
 
     def torques(self, effects: Sequence[Effect], lead: float = 0.0) -> Array:
         """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints)."""
@@ -447,7 +456,7 @@ class Search:
     def project(self, error: Array) -> Array:
         """`error` (windows, rows, 2 j) in units of the noise, without what starting states explain; shape (windows, rows * 2 j)."""
         flat = (np.where(self.weight > 0, error, 0.0) * self.weight).reshape(len(error), -1)
-        return flat - (self._starts @ (np.swapaxes(self._starts, -1, -2) @ flat[..., None]))[..., 0]
+        return np.asarray(flat - (self._starts @ (np.swapaxes(self._starts, -1, -2) @ flat[..., None]))[..., 0])
 
     def starts(self, error: Array) -> Array:
         """Changes of the starting states, shape (windows, 2 j), that explain most of `error` (windows, rows, 2 j)."""

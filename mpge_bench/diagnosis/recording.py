@@ -205,7 +205,7 @@ def _too_fast(recording: Recording, rig: Rig, column: int) -> bool:
         return float(np.std(torques))
 
     would = lacking(turned)
-    return would < available / 2 and lacking(motion) > max(5 * would, available / 5)
+    return would < available / 2 and lacking(motion) > max(5 * would, 3 * available)
 
 
 def _numbers(column: pd.Series[Any]) -> Array:

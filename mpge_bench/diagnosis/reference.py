@@ -50,7 +50,7 @@ def asked_torque(linear: Linear) -> Array:
     h = np.where(valid, motion.intervals(), 1.0)[..., None]
     following = np.concatenate((motion.state[:, 1:, n:], motion.state[:, -1:, n:]), 1)
     inertial = (linear.inertia @ ((following - motion.state[..., n:]) / h)[..., None])[..., 0]
-    return np.maximum(np.sqrt(np.mean(linear.delivered[valid] ** 2, 0)), np.sqrt(np.mean(inertial[valid] ** 2, 0)))
+    return np.asarray(np.maximum(np.sqrt(np.mean(linear.delivered[valid] ** 2, 0)), np.sqrt(np.mean(inertial[valid] ** 2, 0))))
 
 
 def _refine(linear: Linear, sigma: Array, stated: Array, effects: Sequence[Effect]) -> tuple[Linear, Array]:
@@ -126,4 +126,4 @@ def _first_noise(linear: Linear) -> Array:
             continue
         kept = third[np.abs(third) <= np.percentile(np.abs(third), 99)]
         sigma.append(max(float(np.sqrt(np.mean(kept**2) / 20)), 1e-9))
-    return np.maximum(np.array(sigma), resolution(motion) / np.sqrt(12))
+    return np.asarray(np.maximum(np.array(sigma), resolution(motion) / np.sqrt(12)))

@@ -12,7 +12,18 @@ from typing import Any
 
 import yaml
 
-from mpge_bench.envs.effects import CATALOGUE, Armature, CoulombFriction, Effect, JointSpring, Parameter, PositionServo, UnknownTorque, ViscousFriction, effect_from_dict
+from mpge_bench.envs.effects import (
+    CATALOGUE,
+    Armature,
+    CoulombFriction,
+    Effect,
+    JointSpring,
+    Parameter,
+    PositionServo,
+    UnknownTorque,
+    ViscousFriction,
+    effect_from_dict,
+)
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World

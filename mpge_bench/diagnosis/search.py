@@ -64,7 +64,7 @@ class Fitted:
     @functools.cached_property
     def cost(self) -> Array:
         """Sum of squares of each window."""
-        return (self.misses**2).sum(-1)
+        return np.asarray((self.misses**2).sum(-1))
 
     @property
     def size(self) -> int:
@@ -150,7 +150,6 @@ class Fitter:
         def built(z: Array) -> list[Effect]:
             return rebuild(effects, z * size)
 
-
         def miss(z: Array) -> Array:
             effects = built(z)
             misses = self.settle(raw - self.change(effects), effects)[0][self.train].ravel()
@@ -169,7 +168,7 @@ class Fitter:
 
     def _sizes(self, effects: Sequence[Effect]) -> Array:
         """Typical size of each parameter, for a well-scaled fit."""
-        found = []
+        found: list[float] = []
         for effect in effects:
             values = np.abs(parameters_of(effect))
             largest = values.max() if len(values) else 1.0
@@ -182,7 +181,7 @@ def rebuild(effects: Sequence[Effect], values: Array) -> list[Effect]:
     result, at = [], 0
     for effect in effects:
         count = len(parameters_of(effect))
-        result.append(with_parameters(effect, values[at : at + count]))
+        result.append(with_parameters(effect, values[at : at + count].tolist()))
         at += count
     return result
 
@@ -204,7 +203,9 @@ class Screening:
     best: dict[Candidate, Effect]
 
 
-def screen(fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: Sequence[Array] = (), *, present: Sequence[Effect] = (), draws: int = 999) -> Screening:
+def screen(
+    fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: Sequence[Array] = (), *, present: Sequence[Effect] = (), draws: int = 999
+) -> Screening:
     """Which candidates could explain `residual`, and whether anything at all is there to be explained.
 
     Each candidate's gain is that of a linear regression of the residual on its columns. The test's statistic is the largest of all candidates' gains, each
@@ -225,7 +226,8 @@ def screen(fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: 
     weight = 1 / np.sqrt(np.mean(residual**2, axis=1, keepdims=True) + 1e-12)
     weight = np.minimum(weight / np.median(weight), 1.0)
     residual = residual * weight
-    for candidate in [*chosen, *extra]:
+    options: list[Candidate | Array] = [*chosen, *extra]
+    for candidate in options:
         columns = fitter.clear(fitter.columns(candidate, present) if isinstance(candidate, Candidate) else candidate)
         columns = columns * weight
         flat = columns.reshape(len(columns), -1)

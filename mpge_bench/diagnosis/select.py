@@ -105,8 +105,10 @@ class Fits:
         return Found(fitted, float(cost[~held].sum() / count[~held].sum()), float(cost[held].sum() / count[held].sum()), told)
 
     def measured(self, fitter: Fitter) -> Array:
-        """Number of measurements in each window that starting states cannot explain."""
-        return (fitter.search.weight > 0).sum((1, 2)) - 2 * len(self.rig.joints)
+        """Number of measurements in each window that starting states cannot explain, less where a window counts less."""
+        relative = (fitter.search.weight * np.where(np.isfinite(self.sigma), self.sigma, 0.0)) ** 2
+        count = (relative > 0).sum((1, 2))
+        return np.asarray(relative.sum((1, 2)) * (1 - 2 * len(self.rig.joints) / np.maximum(count, 1)))
 
     def in_simulator(self, fitter: Fitter, fitted: Fitted, iterations: int = 2, *, final: bool = False) -> Fitted:
         """`fitted` refined by prediction in PyBullet, with the linearised simulator's derivatives.
@@ -145,15 +147,13 @@ class Fits:
         if final:
             coarse, fine = (self._predicted(fitter, effects, starts, parts) for parts in (1, 2))
             if coarse is not None and fine is not None:
-                misses, fitter.free = fitter.settle(
-                    search.project(search.measured - coarse), effects, search.project(fine - coarse), fitted.sensitivity
-                )
+                misses, fitter.free = fitter.settle(search.project(search.measured - coarse), effects, search.project(fine - coarse), fitted.sensitivity)
         return Fitted(tuple(effects), misses, fitted.sensitivity)
 
     def _predicted(self, fitter: Fitter, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
         """PyBullet's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable."""
         search = fitter.search
-        predicted = np.empty_like(search.state)
+        predicted: Array = np.empty_like(search.state)
         references = [self._reference(search.linear, r) for r in range(len(self.recordings))]
         try:
             predictor = Predictor(replace(self.rig, timestep=self.rig.timestep / parts), effects)
@@ -175,8 +175,8 @@ def held_out_windows(windows: Windows, linear: Linear) -> npt.NDArray[np.bool_]:
     """Which windows are kept from fitting."""
     count = len(linear.motion.rows)
     if count > 1:
-        return windows.recording >= count - max(1, round(count / 4))
-    return windows.start >= 0.67 * linear.motion.rows[0]
+        return np.asarray(windows.recording >= count - max(1, round(count / 4)))
+    return np.asarray(windows.start >= 0.67 * linear.motion.rows[0])
 
 
 def gain(simple: Found, rich: Found, held: npt.NDArray[np.bool_]) -> tuple[float, float]:
@@ -254,18 +254,23 @@ class Explorer:
                 results[place * self._jobs + index] = result
         return [results[place] for place in sorted(results)]
 
+    def tested(self) -> Screening:
+        """Whether there is a mismatch at all: every candidate, and nameless curves, held against what the nominal simulator misses."""
+        fitter = self.fitter_now
+        nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
+        self.empty = self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing, final=True))
+        self.screening = screen(fitter, self.candidates, self.empty.fitted.misses, [columns for _, columns in self._curves(fitter)])
+        self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
+        return self.screening
+
     def explore(self) -> tuple[Found, Screening]:
         """Forward selection with a beam, as long as held-out recordings gain, then what can be left out is left out.
 
         Returns:
             The chosen model and the screening of the nominal simulator, whose p-value is that of there being no mismatch.
         """
-        fits = self.fits
+        self.tested()
         fitter = self.fitter_now
-        nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
-        self.empty = fits.judged(fitter, fits.in_simulator(fitter, nothing, final=True))
-        self.screening = screen(fitter, self.candidates, self.empty.fitted.misses, [columns for _, columns in self._curves(fitter)])
-        self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
         self.found = [self.empty]
         if self.screening.p_value >= SIGNIFICANCE:
             return self.empty, self.screening
@@ -306,11 +311,11 @@ class Explorer:
     def _curves(self, fitter: Fitter) -> Iterator[tuple[UnknownTorque, Array]]:
         """Nameless torques over each joint's q, dq and command: the curve's knots, all torques 0, and its columns."""
         for index, joint in enumerate(self.rig.joints):
-            for signal in ("q", "dq", "command") if joint in self.rig.driven else ("q", "dq"):
-                low, high = np.quantile(fitter.search.range_of(index, signal), (0.002, 0.998))
+            for over in ("q", "dq", "command") if joint in self.rig.driven else ("q", "dq"):
+                low, high = np.quantile(fitter.search.range_of(index, over), (0.002, 0.998))
                 if high - low > 1e-6:
                     knots = np.linspace(low, high, KNOTS)
-                    yield UnknownTorque(joint, signal, tuple(knots), (0.0,) * KNOTS), fitter.search.curve(index, signal, knots)
+                    yield UnknownTorque(joint, over, tuple(knots), (0.0,) * KNOTS), fitter.search.curve(index, over, knots)
 
     def _with_curves(self, chosen: Found) -> Found:
         """`chosen` and, where a nameless curve predicts held-out recordings much better, that curve with what is still needed beside it."""

@@ -41,7 +41,9 @@ EXPERIMENTS = {
     frozenset({"payload", "torque_gain"}): "let the arm swing with the motor off: a payload changes the free motion, a motor's gain does not",
     frozenset({"mass_scale", "torque_gain"}): "let the arm swing with the motor off: mass changes the free motion, a motor's gain does not",
     frozenset({"gravity", "torque_gain"}): "let the arm swing with the motor off: gravity changes the free motion, a motor's gain does not",
-    frozenset({"gravity", "sensor_bias"}): "let every joint hang at rest and read the sensors, then turn the base about the vertical: a tilt turns with it, a sensor's bias does not",
+    frozenset(
+        {"gravity", "sensor_bias"}
+    ): "let every joint hang at rest and read the sensors, then turn the base about the vertical: a tilt turns with it, a sensor's bias does not",
     frozenset({"gravity", "torque_bias"}): "repeat at other angles: gravity's torque depends on them, a bias does not",
     frozenset({"viscous_friction", "back_emf_limit"}): "drive at full torque and then let it coast: back-EMF limits only the driven motion",
     frozenset({"delay", "lag"}): "command sines of rising frequency: a delay leaves the amplitude, a lag lowers it",
@@ -51,10 +53,14 @@ EXPERIMENTS = {
     frozenset({"dead_zone", "coulomb_friction"}): "let the joint coast with the motor off: friction brakes it, a dead zone does not",
     frozenset({"armature", "inertia_scale"}): "move the joint that carries this one: a link's inertia is felt there, a rotor's is not",
     frozenset({"armature", "mass_scale"}): "hold the joint still at several angles: mass needs holding torque, a rotor does not",
-    frozenset({"payload", "com_offset"}): "weigh the link, or shake its joint fast with gravity out of play: a payload adds inertia, an offset moves weight only",
+    frozenset(
+        {"payload", "com_offset"}
+    ): "weigh the link, or shake its joint fast with gravity out of play: a payload adds inertia, an offset moves weight only",
     frozenset({"payload", "mass_scale"}): "drive fast and slow: a payload and a denser link have different ratios of inertia to weight",
     frozenset({"torque_gain", "coulomb_friction"}): "let the joint coast with the motor off: friction brakes it, a weak motor does not",
-    frozenset({"torque_gain", "load_friction"}): "drive and brake with the same torque: friction adds to one and takes from the other, a weak motor takes from both",
+    frozenset(
+        {"torque_gain", "load_friction"}
+    ): "drive and brake with the same torque: friction adds to one and takes from the other, a weak motor takes from both",
     frozenset({"coulomb_friction", "stribeck_friction"}): "move very slowly, with many reversals",
     frozenset({"coulomb_friction", "load_friction"}): "move at constant speed under two different loads",
     frozenset({"joint_spring", "gravity"}): "turn the base on its side: gravity's torque changes, a spring's does not",
