@@ -75,6 +75,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("runs/compare"))
     parser.add_argument("--only", default="*")
+    parser.add_argument("--diagnoses", type=Path, help="output folder of concealed.py: its corrected rigs are taken as ours, not made again")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
@@ -85,7 +86,8 @@ def main() -> int:
     for case in track(cases, "comparing", console=console):
         path = arguments.out / f"{case.name}.json"
         if not path.exists():
-            row = compare(case, arguments.folder / "kept" / case.name, arguments.jobs)
+            ready = arguments.diagnoses / case.name / "corrected.yaml" if arguments.diagnoses else Path()
+            row = compare(case, arguments.folder / "kept" / case.name, ready, arguments.jobs)
             path.write_text(json.dumps(row))
         rows.append(json.loads(path.read_text()))
     table = Table("case", "truth", *METHODS)
@@ -99,13 +101,13 @@ def main() -> int:
     return 0
 
 
-def compare(given: Path, kept: Path, jobs: int) -> dict[str, Any]:
-    """Errors of all methods on one case, rad or m."""
+def compare(given: Path, kept: Path, ready: Path, jobs: int) -> dict[str, Any]:
+    """Errors of all methods on one case, rad or m; `ready` is ours if that file exists."""
     rig = read_rig(given / "rig.yaml")
     recordings = read_recordings(find_recordings([str(given / "train_*.csv")]), rig)
-    found = diagnose(rig, recordings, jobs=jobs)
+    listed = yaml.safe_load(ready.read_text()).get("effects", []) if ready.is_file() else None
+    found = diagnose(rig, recordings, jobs=jobs).effects if listed is None else [effect_from_dict(one) for one in listed]
     explorer = Explorer(rig, recordings)
-    explorer.fits.sigma = explorer.fits.linear.motion.sigma
     everything = [one.starts[0] for one in explorer.candidates if one.name in ALL]
     together = explorer.fits.polished(everything)[0].effects
     network = neural(explorer)
@@ -123,7 +125,7 @@ def compare(given: Path, kept: Path, jobs: int) -> dict[str, Any]:
         ]
         told = min(tries, key=lambda one: one.train).effects
     tests = [read_recording(path, rig) for path in sorted(kept.glob("test_*.csv"))]
-    effects: dict[str, Sequence[Effect]] = {"none": (), "all at once": together, "neural": network, "oracle": told, "ours": found.effects}
+    effects: dict[str, Sequence[Effect]] = {"none": (), "all at once": together, "neural": network, "oracle": told, "ours": found}
     row: dict[str, Any] = {"case": given.name, "truth": " + ".join(f"{one['effect']}:{one['target']}" for one in truth) or "nothing"}
     row |= {method: _error(rig, tests, effects[method]) for method in METHODS}
     row["true effect"] = _error(rig, tests, true) if catalogued else None

@@ -1,8 +1,8 @@
 """How often the diagnosis sees a mismatch where there is none, and whether its p-values are what they say.
 
-Makes recordings of random mechanisms (one to three joints, hinges and slides, random masses), motors (torque, position, passive), commands (sines,
-steps, noise, feedback on noisy readings), sensors (noise, encoders, with and without velocities) in PyBullet, half of them at half the rig's physics step, with nothing
-concealed, and diagnoses each.
+Makes recordings of random mechanisms (one to three joints, hinges and slides, random masses), motors (torque, position, passive), commands (sines, steps,
+noise, feedback on noisy readings) and sensors (noise, encoders, with and without velocities) in PyBullet, half of them at half the rig's physics step, with
+nothing concealed, and diagnoses each.
 
     python benchmarks/false_alarms.py [--count 100] [--out runs/false_alarms]
 

@@ -3,8 +3,8 @@
     python benchmarks/measured_recordings.py FOLDER [--out runs/measured] [--jobs 2]
 
 FOLDER holds one folder a machine: rig.yaml, its robot, Parquet recordings. Prints a Markdown table: what the tool finds, the published values, the root mean
-square error of q, 0.5 s ahead from recorded states, on the held-out recordings (the last quarter, at least the last) before and after. A machine that was done is not
-done again.
+square error of q, 0.5 s ahead from recorded states, on the held-out recordings (the last quarter, at least the last) before and after. A machine that was done
+is not done again.
 """
 
 from __future__ import annotations

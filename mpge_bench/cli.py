@@ -17,7 +17,7 @@ from mpge_bench.envs import TASKS, get_task
 from mpge_bench.envs.errors import UserError
 
 app = typer.Typer(
-    help="Transfer policies across a dynamics mismatch: run a method on a source/target pair, compare methods, train the policies they start from.",
+    help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -177,8 +177,8 @@ def diagnose(
     with ConsoleProgress() as progress:
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
     for line in found.summary:
-        _out.print(line, markup=False)
-    _out.print(f"Written to {out}: report.html (open it in a browser), diagnosis.json, corrected.yaml", markup=False)
+        _out.print(line, markup=False, soft_wrap=True)
+    _out.print(f"Written to {out}: report.html (open it in a browser), diagnosis.json, corrected.yaml", markup=False, soft_wrap=True)
 
 
 @app.command()

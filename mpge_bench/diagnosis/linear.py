@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 #: about this, s.
 LEAD = 0.01
 #: Windows count less in which half the physics step changes the prediction by more than about this many standard deviations of the noise.
-COARSE = 4.0
+COARSE = 2.0
 
 
 def drive(
