@@ -30,13 +30,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("runs/measured"))
+    parser.add_argument("--seconds", type=float, default=180.0, help="time budget of each")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     for name in PUBLISHED:
         out = arguments.out / name
         if not (out / "diagnosis.json").exists():
             with ConsoleProgress(name) as progress:
-                diagnose_files(arguments.folder / name / "rig.yaml", [str(arguments.folder / name / "*.parquet")], out, jobs=arguments.jobs, progress=progress)
+                rig, recordings = arguments.folder / name / "rig.yaml", [str(arguments.folder / name / "*.parquet")]
+                diagnose_files(rig, recordings, out, seconds=arguments.seconds, jobs=arguments.jobs, progress=progress)
     print("| machine | found | published | held-out error, 0.5 s: before | after | noise |\n|---|---|---|---|---|---|")
     for name, published in PUBLISHED.items():
         data = json.loads((arguments.out / name / "diagnosis.json").read_text())

@@ -161,7 +161,9 @@ def diagnose(
     recording: Annotated[list[str], typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")],
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
     horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions are judged, s.")] = 0.5,
-    seconds: Annotated[float | None, typer.Option(min=1.0, help="Time budget: the best answer so far is given when it is up.")] = None,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, help="Time budget: about when it is up the best answer so far is given. Many joints or long recordings want more.")
+    ] = 75.0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
 ) -> None:
     """Say where simulator and recordings disagree, what physics was left out, and how much better the simulator gets with it.

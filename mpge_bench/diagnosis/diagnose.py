@@ -105,7 +105,7 @@ def diagnose(
     simulate(rig, recordings[0], horizon)  # an unstable one is refused before anything is searched
     if progress:
         progress.stage("fitting models", 0)
-    deadline = math.inf if seconds is None else begun + 0.8 * seconds
+    deadline = math.inf if seconds is None else begun + 0.65 * seconds
     explorer = Explorer(rig, recordings, horizon, jobs=jobs, deadline=deadline, advance=progress.advance if progress else lambda steps: None)
     try:
         chosen, screening = explorer.explore()

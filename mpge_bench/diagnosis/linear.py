@@ -138,9 +138,12 @@ class Linear:
         count, rows = motion.time.shape
         intervals = motion.intervals()
         tree = Tree(self.model, self.rig.joints)
-        q, dq = motion.state[..., :n], motion.state[..., n:]
+        following = np.concatenate((motion.state[:, 1:], motion.state[:, -1:]), 1)
+        # At the middle of each row, so that what a row does is right to second order in its length.
+        middle = (motion.state + following) / 2
+        q, dq = middle[..., :n], middle[..., n:]
         h = np.where(intervals > 0, intervals, 1.0)[..., None]
-        ddq = (np.concatenate((dq[:, 1:], dq[:, -1:]), 1) - dq) / h
+        ddq = (following[..., n:] - motion.state[..., n:]) / h
         gravity = self.gravity
         small = 1e-4
         self.inertia = tree.mass_matrix(q) + np.diag(self.rotors)

@@ -126,6 +126,12 @@ class Fits:
                 break
             error = search.measured - predicted
             misses = fitter.settle(search.project(error), effects)[0]
+            if best is not None:
+                # Where a new starting state made it worse, as it may where the motion is chaotic, the old one was better.
+                worse = (misses**2).sum(1) > 2 * (best[2] ** 2).sum(1)
+                starts = np.where(worse[:, None], best[3], starts)
+                if not fitted.size:
+                    misses = np.where(worse[:, None], best[2], misses)
             cost = float((misses[train] ** 2).sum())
             gained = np.inf if best is None else best[0] - cost
             if gained > 0:
@@ -144,10 +150,19 @@ class Fits:
             # Parameters under which the simulation flies apart are no candidates.
             return Fitted(fitted.effects, np.full(fitter.residual.shape, 1e6), fitted.sensitivity)
         _, effects, misses, starts = best
-        if final:
+        least = np.inf
+        for _ in range(2 if final else 0):
             coarse, fine = (self._predicted(fitter, effects, starts, parts) for parts in (1, 2))
-            if coarse is not None and fine is not None:
-                misses, fitter.free = fitter.settle(search.project(search.measured - coarse), effects, search.project(fine - coarse), fitted.sensitivity)
+            if coarse is None or fine is None:
+                break
+            raw, halved = search.project(search.measured - coarse), search.project(fine - coarse)
+            settled, free = fitter.settle(raw, effects, halved, fitted.sensitivity)
+            if (settled[train] ** 2).sum() >= least:
+                break
+            misses, fitter.free, least = settled, free, float((settled[train] ** 2).sum())
+            # With another physics step other starting states are best: those for the step that the recordings ask for.
+            share = float(np.clip((raw * halved)[train].sum() / max(float((halved[train] ** 2).sum()), 1e-12), -1.0, 3.0))
+            starts = starts + search.starts(search.measured - coarse - share * (fine - coarse))
         return Fitted(tuple(effects), misses, fitted.sensitivity)
 
     def _predicted(self, fitter: Fitter, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
@@ -278,10 +293,12 @@ class Explorer:
         for depth in range(MOST):
             drafts: list[Found] = []
             for place, (model, own) in enumerate(beam):
+                if depth and self.late:
+                    break
                 drafts += self._extend(model, own, 12 if depth == 0 else 8 if place == 0 else 5)
             drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.train)}.values())
             drafts.sort(key=lambda one: one.train)
-            if not drafts or self.late:
+            if not drafts:
                 break
             if depth == 0:
                 self._renew_noise(drafts[0])
@@ -380,7 +397,7 @@ class Explorer:
     def _converged(self, model: Found, fitter: Fitter) -> tuple[Found, Fitter]:
         """`model` fitted anew about its own fit until that no longer helps."""
         for _ in range(4):
-            if model.train < CLEAN:
+            if model.train < CLEAN or self.late:
                 break
             again = self.fits.polished(model.effects)
             gained = model.train - again[0].train
