@@ -200,13 +200,12 @@ class _Conclusion:
     def _verdict(self) -> str:
         if self.p_value >= SIGNIFICANCE:
             return "no_mismatch"
-        ratio = float(np.median(self.chosen.fitted.cost / self.fits.measured(self.explorer.fitter_now)))
-        if not self.chosen.effects and ratio < EXPLAINED:
+        if not self.chosen.effects and self.chosen.typical < EXPLAINED:
             # Significant perhaps, but no model predicts held-out recordings any better, and what is missed is about the noise.
             return "no_mismatch"
         if not self.named:
             return "unexplained"
-        return "explained" if not self.curves and ratio < EXPLAINED else "partly_explained"
+        return "explained" if not self.curves and self.chosen.typical < EXPLAINED else "partly_explained"
 
     def _fit(self) -> tuple[dict[str, Any], list[Trajectory]]:
         """Errors of `simulate` on the held-out recordings, as `fit` in the JSON says them, and stretches of them to look at."""

@@ -44,12 +44,14 @@ class Found:
     Attributes:
         fitted: effects and what they miss.
         train, held_out: mean squares of what is missed, in units of the noise.
+        typical: median over all windows.
         parameters: how many directions of its parameters the recordings tell.
     """
 
     fitted: Fitted
     train: float
     held_out: float
+    typical: float
     parameters: int
 
     @property
@@ -102,7 +104,8 @@ class Fits:
         strength = np.linalg.svd(columns @ columns.T, compute_uv=False) if fitted.size else np.zeros(0)
         # A parameter that moves the prediction by less than a tenth of a standard deviation when it doubles is not told by the recordings.
         told = int((strength > 0.01).sum())
-        return Found(fitted, float(cost[~held].sum() / count[~held].sum()), float(cost[held].sum() / count[held].sum()), told)
+        typical = float(np.median(cost / np.maximum(count, 1e-9)))
+        return Found(fitted, float(cost[~held].sum() / count[~held].sum()), float(cost[held].sum() / count[held].sum()), typical, told)
 
     def measured(self, fitter: Fitter) -> Array:
         """Number of measurements in each window that starting states cannot explain, less where a window counts less."""
@@ -293,7 +296,8 @@ class Explorer:
         for depth in range(MOST):
             drafts: list[Found] = []
             for place, (model, own) in enumerate(beam):
-                if depth and self.late:
+                # Where the best model's next step leads near the noise, those that are far off need not be followed.
+                if depth and (self.late or min((one.train for one in drafts), default=np.inf) < 0.02 * model.train):
                     break
                 drafts += self._extend(model, own, 12 if depth == 0 else 8 if place == 0 else 5)
             drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.train)}.values())
