@@ -31,6 +31,15 @@ SIGNIFICANCE = 0.01
 MATERIAL = 0.01
 #: Points of a nameless curve, and the least share by which it must beat the named physics.
 KNOTS, CURVE_MATERIAL = 41, 0.1
+#: Effects that a larger one contains, as Stribeck's friction contains Coulomb's.
+SIMPLER = {
+    "stribeck_friction": ("coulomb_friction", "viscous_friction"),
+    "joint_elasticity": ("armature",),
+    "backlash": ("armature",),
+    "back_emf_limit": ("torque_limit", "viscous_friction"),
+    "joint_spring": ("torque_bias",),
+    "payload": ("mass_scale",),
+}
 #: What is missed, in units of the noise's sum of squares, below which nothing more is looked for.
 CLEAN = 1.1
 #: Models that are followed up in each round, and most effects of a model.
@@ -435,8 +444,9 @@ class Explorer:
         ratio = np.sqrt(np.mean(np.diff(misses, 3, axis=1) ** 2, (0, 1)) / 20)
         usable = np.isfinite(self.fits.sigma) & (ratio > 0) & ~stated
         floor = resolution(self.fits.linear.motion) / np.sqrt(12)
-        sigma = np.where(usable, np.maximum(self.fits.sigma * np.minimum(ratio, 1.0), floor), self.fits.sigma)
-        if np.all(np.abs(sigma / self.fits.sigma - 1)[np.isfinite(sigma)] < 0.05):
+        sigma = self.fits.sigma.copy()
+        sigma[usable] = np.maximum(sigma[usable] * np.minimum(ratio[usable], 1.0), floor[usable])
+        if np.all(sigma[usable] > 0.95 * self.fits.sigma[usable]):
             return
         self._say(f"noise {self.fits.sigma} -> {sigma}")
         self.fits.sigma = sigma
@@ -472,6 +482,23 @@ class Explorer:
             if not kept:
                 break
             chosen = min(kept, key=lambda one: one.held_out)
+        return self._plainer(chosen)
+
+    def _plainer(self, chosen: Found) -> Found:
+        """`chosen` with an effect's simpler kin in its place, where that predicts as well."""
+        starts = {(one.name, one.target): one.starts for one in self.candidates}
+        for effect in chosen.effects:
+            for name in SIMPLER.get(effect.name, ()):
+                others = [other for other in chosen.effects if other is not effect]
+                if (name, effect.target) not in starts or any((other.name, other.target) == (name, effect.target) for other in others):
+                    continue
+                plain = {one.key: one for one in self.found}.get(_key([*others, starts[name, effect.target][0]]))
+                if plain is None:
+                    plain = self._converged(*self.fits.polished([*others, starts[name, effect.target][0]]))[0]
+                    self.found.append(plain)
+                    self._report(plain)
+                if not self.better(plain, chosen):
+                    return self._plainer(plain)
         return chosen
 
 

