@@ -441,7 +441,10 @@ class Explorer:
         n = len(self.rig.joints)
         misses = model.fitted.misses.reshape(len(model.fitted.misses), -1, 2 * n)
         stated = np.repeat(["q" in self.rig.noise, "dq" in self.rig.noise], n)
-        ratio = np.sqrt(np.mean(np.diff(misses, 3, axis=1) ** 2, (0, 1)) / 20)
+        # Some windows count less than others.
+        search = self.fitter_now.search
+        counted = np.mean((search.weight * np.where(np.isfinite(self.fits.sigma), self.fits.sigma, 0.0)) ** 2, (0, 1))
+        ratio = np.sqrt(np.mean(np.diff(misses, 3, axis=1) ** 2, (0, 1)) / 20 / np.maximum(counted, 1e-12))
         usable = np.isfinite(self.fits.sigma) & (ratio > 0) & ~stated
         floor = resolution(self.fits.linear.motion) / np.sqrt(12)
         sigma = self.fits.sigma.copy()
