@@ -464,13 +464,12 @@ class Explorer:
         self.found = [self.empty]
 
     def better(self, simple: Found, rich: Found) -> bool:
-        """Whether `rich` predicts better than `simple`: held-out windows by a material amount, and these or all windows beyond two standard errors.
+        """Whether `rich` predicts better than `simple`: held-out windows by a material amount, and all windows beyond two standard errors.
 
-        Held-out windows of a few seconds are few for a test, and a handful of parameters cannot overfit thousands of rows by a material share.
+        A handful of parameters cannot overfit thousands of rows by a material share, and the held-out windows of a few seconds are too few for a test.
         """
-        held, held_error = gain(simple, rich, self.fits.held_out)
         share, error = gain(simple, rich, np.ones_like(self.fits.held_out))
-        return held > MATERIAL and share > 0 and (held > 2 * held_error or share > 2 * error)
+        return share > 2 * error and gain(simple, rich, self.fits.held_out)[0] > MATERIAL
 
     def _simplest(self) -> Found:
         """The model of fewest parameters that no other beats on held-out windows."""
