@@ -23,7 +23,7 @@ from mpge_bench.diagnosis.recording import Recording, find_recordings, read_reco
 from mpge_bench.diagnosis.reference import rebase, resolution
 from mpge_bench.diagnosis.report import report_html
 from mpge_bench.diagnosis.rig import Rig, parameters_of, read_rig
-from mpge_bench.diagnosis.search import label
+from mpge_bench.diagnosis.search import label, signal_of
 from mpge_bench.diagnosis.select import MATERIAL, SIGNIFICANCE, Explorer, Found
 from mpge_bench.diagnosis.simulator import simulate
 from mpge_bench.diagnosis.words import experiment, sentence
@@ -126,11 +126,14 @@ class _Conclusion:
         self.before = self.fits.linear
         self.after = rebase(self.fits.linear, chosen.effects, self.fits.sigma) if chosen.effects else self.fits.linear
         self.held = sorted(set(self.fits.windows.recording[self.fits.held_out].tolist()))
+        self.parts = [self._held_part(r) for r in self.held]
+        units = {_units(self.rig, joint)[1] for joint in self.rig.joints}
+        self.unit = units.pop() if len(units) == 1 else "rad, m"
 
     def diagnosis(self) -> Diagnosis:
         verdict = self._verdict()
         fit, trajectories = self._fit()
-        rivals = self._rivals(fit["unit_scale"])
+        rivals = self._rivals()
         confusions, confidence = self._confusions()
         joints = self._joints()
         where = self._where(joints)
@@ -163,7 +166,6 @@ class _Conclusion:
                 }
             )
         summary = self._summary(verdict, fit, intervals, rivals, where)
-        unit = fit.pop("unit_scale")[1]
         data: dict[str, Any] = {
             "schema": "mpge_bench/diagnosis/1",
             "verdict": verdict,
@@ -174,7 +176,7 @@ class _Conclusion:
                 {"effects": one.effects.split(" + "), "held_out_error": one.held_out_error, "log_evidence_behind": one.log_evidence_behind} for one in rivals
             ],
             "indistinguishable": [list(one.models) for one in confusions],
-            "fit": {**fit, "unit": unit},
+            "fit": {**fit, "unit": self.unit},
             "complete": not self.late,
         }
         evidence = Evidence(
@@ -212,8 +214,7 @@ class _Conclusion:
         rig, horizon = self.rig, self.explorer.horizon
         errors: dict[str, list[Array]] = {"before": [], "after": []}
         trajectories: list[Trajectory] = []
-        held = [self._held_part(r) for r in self.held]
-        for recording in held:
+        for recording in self.parts:
             predictions = {"before": simulate(rig, recording, horizon), "after": simulate(rig, recording, horizon, self.chosen.effects)}
             for key, one in predictions.items():
                 errors[key].append(np.concatenate((one.q - recording.q, one.dq - recording.dq), 1))
@@ -247,8 +248,7 @@ class _Conclusion:
                 unit = _units(rig, joint)[1 if column < n else 2]
                 channels[f"{'q' if column < n else 'dq'}_{joint}"] = {**rms, "noise_floor": float(floors[column]), "unit": unit}
         total = {key: float(np.sqrt(np.mean([channels[f"q_{joint}"][key] ** 2 for joint in rig.joints]))) for key in ("before", "after", "noise_floor")}
-        unit = _units(rig, rig.joints[0])[1] if len({_units(rig, joint)[1] for joint in rig.joints}) == 1 else "rad, m"
-        return {"horizon_s": horizon, "held_out": total, "channels": channels, "unit_scale": (held, unit)}, trajectories
+        return {"horizon_s": horizon, "held_out": total, "channels": channels}, trajectories
 
     def _held_part(self, r: int) -> Recording:
         recording = self.explorer.recordings[r]
@@ -267,11 +267,11 @@ class _Conclusion:
         carried = (search.flow[self.fits.held_out] ** 2 @ start).mean((0, 1))
         return np.asarray(np.sqrt(carried + np.where(np.isfinite(sigma), sigma, 0.0) ** 2))
 
-    def _error_of(self, effects: Sequence[Effect], held: Sequence[Recording]) -> float:
-        squares = [np.mean((simulate(self.rig, one, self.explorer.horizon, effects).q - one.q) ** 2, axis=0) for one in held]
+    def _error_of(self, effects: Sequence[Effect]) -> float:
+        squares = [np.mean((simulate(self.rig, one, self.explorer.horizon, effects).q - one.q) ** 2, axis=0) for one in self.parts]
         return float(np.sqrt(np.mean(squares)))
 
-    def _rivals(self, held: tuple[Sequence[Recording], str]) -> list[Rival]:
+    def _rivals(self) -> list[Rival]:
         mask = self.fits.held_out
         found: dict[frozenset[str], Found] = {}
         for one in sorted([self.explorer.empty, *self.explorer.found], key=lambda one: one.held_out):
@@ -281,7 +281,7 @@ class _Conclusion:
         for one in list(found.values())[:8]:
             behind = float((one.fitted.cost - self.chosen.fitted.cost)[mask].sum()) / 2 / max(1.0, self.chosen.held_out)
             values = "; ".join(", ".join(f"{value:.4g}" for value in parameters_of(effect)) for effect in one.effects)
-            rivals.append(Rival(label(one.effects), values, self._error_of(one.effects, held[0]), behind))
+            rivals.append(Rival(label(one.effects), values, self._error_of(one.effects), behind))
         return rivals
 
     def _confusions(self) -> tuple[list[Confusion], float]:
@@ -336,7 +336,7 @@ class _Conclusion:
         rig = self.rig
         before, after = self.before.residual_torques(), self.after.residual_torques()
         motion = self.before.motion
-        valid = np.arange(motion.time.shape[1]) < motion.rows[:, None] - 1
+        valid = motion.valid(ahead=1)
         n = len(rig.joints)
         energy = np.array([float(np.mean(before[valid][:, column] ** 2)) for column in range(n)])
         # Robust: dry friction leaves spikes where it turns round.
@@ -386,9 +386,7 @@ class _Conclusion:
             if effect.on != "joint" or effect.remembers or effect.name in ("armature", "load_friction", "back_emf_limit"):
                 continue
             column = self.rig.joints.index(effect.target)
-            signal = (
-                effect.signal if isinstance(effect, UnknownTorque) else "command" if effect.maps_command else "q" if effect.name == "joint_spring" else "dq"
-            )
+            signal = signal_of(effect)
             values = {"q": motion.state[..., column], "dq": motion.state[..., n + column], "command": self.before.delivered[..., column]}[signal]
             at = np.linspace(float(values.min()), float(values.max()), 301)
             rows = {key: np.zeros((n, len(at))) for key in ("q", "dq", "command")}
@@ -466,7 +464,7 @@ class _Conclusion:
     def _summary(
         self, verdict: str, fit: Mapping[str, Any], intervals: Mapping[int, Any], rivals: Sequence[Rival], where: Sequence[Mapping[str, Any]]
     ) -> tuple[str, ...]:
-        held, unit = fit["held_out"], fit["unit_scale"][1]
+        held, unit = fit["held_out"], self.unit
         horizon = f"{self.explorer.horizon:g} s"
         lines = []
         if verdict == "no_mismatch":

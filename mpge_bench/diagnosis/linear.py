@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,6 @@ from mpge_bench.diagnosis.dynamics import Tree, body_parameters
 from mpge_bench.diagnosis.motion import WARM_UP, Motion, between
 from mpge_bench.diagnosis.rig import Rig
 from mpge_bench.envs.effects import Armature, Delay, Effect, Hidden, PositionServo
-from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
 
@@ -97,7 +96,7 @@ class Linear:
     """The simulator with `base` effects, linearised about the reference of `motion`.
 
     Attributes:
-        motion: the reference, refined by `refine`.
+        motion: the reference.
         defects: d above, shape (r, k, 2 j).
         inertia: mass matrices, shape (r, k, j, j).
     """
@@ -105,20 +104,16 @@ class Linear:
     def __init__(self, rig: Rig, motion: Motion, base: Sequence[Effect] = ()) -> None:
         self.rig, self.base = rig, tuple(base)
         #: The bodies under the base's effects, gravity, and the rotors' inertias by joint.
-        self.model = rig.model.copy()
-        for effect in rig.chain(base):
-            effect.install(self.model)
+        self.model = rig.changed(base)
         self.gravity = np.array(self.model.gravity or rig.gravity)
-        self.rotors = np.array(
-            [sum(effect.inertia for effect in rig.chain(base) if isinstance(effect, Armature) and effect.target == name) for name in rig.joints]
-        )
+        self.rotors = np.array(rig.rotors(base))
         still = np.zeros(len(rig.joints))
         #: What each joint offers to a torque at zero, kg m².
         self.offered = 1 / np.diagonal(np.linalg.inv(Tree(self.model, rig.joints).mass_matrix(still) + np.diag(self.rotors)))
         self._index = {joint: column for column, joint in enumerate(rig.joints)}
         self.motion = motion
         self._linearise()
-        self.find_defects()
+        self._find_defects()
 
     def chain(self, effects: Sequence[Effect]) -> list[tuple[Effect, int]]:
         """The laws between command and joint under the rig's own and further `effects`."""
@@ -138,7 +133,7 @@ class Linear:
         count, rows = motion.time.shape
         intervals = motion.intervals()
         tree = Tree(self.model, self.rig.joints)
-        following = np.concatenate((motion.state[:, 1:], motion.state[:, -1:]), 1)
+        following = motion.following()
         # At the middle of each row, so that what a row does is right to second order in its length.
         middle = (motion.state + following) / 2
         q, dq = middle[..., :n], middle[..., n:]
@@ -174,34 +169,31 @@ class Linear:
         flow = expm(system * intervals[..., None, None])
         self.a, self.g = flow[..., : 2 * n, : 2 * n], flow[..., : 2 * n, 2 * n :]
 
-    def find_defects(self) -> None:
-        """Work out `defects` for the present reference."""
+    def _find_defects(self) -> None:
         motion, n = self.motion, self.motion.joints
         self.delivered = self.torques(self.base)
-        reached = self._stepped(1)
+        self._reached = self._stepped(1)
+        reached = self._reached.copy()
         steps = motion.u.shape[2]
         # Rows are rarely spaced by exactly a whole number of physics steps; the rest of the way goes at the velocity and acceleration of the row.
         late = np.where(motion.intervals() > 0, motion.intervals() - motion.step * steps, 0.0)[..., None]
         acceleration = (reached[..., n:] - motion.state[..., n:]) / (motion.step * steps)
         reached[..., :n] += late * reached[..., n:]
         reached[..., n:] += late * acceleration
-        following = np.concatenate((motion.state[:, 1:], motion.state[:, -1:]), 1)
-        self.defects = np.where(self._inside(), reached - following, 0.0)
+        self.defects = np.where(motion.valid(ahead=1)[..., None], reached - motion.following(), 0.0)
 
     @functools.cached_property
     def halved(self) -> Array:
         """What `defects` change by when the physics step is halved."""
-        return np.where(self._inside(), self._stepped(2) - self._stepped(1), 0.0)
-
-    def _inside(self) -> npt.NDArray[np.bool_]:
-        return (np.arange(self.motion.time.shape[1]) < self.motion.rows[:, None] - 1)[..., None]
+        return np.where(self.motion.valid(ahead=1)[..., None], self._stepped(2) - self._reached, 0.0)
 
     def _stepped(self, parts: int) -> Array:
         """Where one row's physics steps, each in `parts`, lead from each row of the reference, shape (r, k, 2 j)."""
         motion, n = self.motion, self.motion.joints
         steps = motion.u.shape[2] * parts
         bodies = [effect for effect in self.rig.chain(self.base) if effect.on in ("link", "world") or isinstance(effect, Armature)]
-        world = World(self.rig.model, timestep=motion.step / parts, substeps=steps, gravity=self.rig.gravity, iterations=50, effects=bodies)
+        # The motors' torques come from outside.
+        world = replace(self.rig, nominal=()).world(bodies, timestep=motion.step / parts, substeps=steps)
         result = motion.state.copy()
         for r, rows in enumerate(motion.rows):
             for state, torque, reached in zip(motion.state[r, : rows - 1], self.delivered[r].tolist(), result[r], strict=False):
@@ -244,16 +236,14 @@ class Linear:
             e = np.where(live_on, kept_e[k] + (back @ (e - ahead_e[k + 1])[..., None])[..., 0], kept_e[k])
             p = np.where(live_on[..., None], kept_p[k] + back @ (p - ahead_p[k + 1]) @ np.swapaxes(back, -1, -2), kept_p[k])
             out_e[:, k], out_p[:, k] = e, np.diagonal(p, axis1=-2, axis2=-1)
-        valid = (np.arange(rows) < motion.rows[:, None])[..., None]
-        return motion.state + np.where(valid, out_e, 0.0), np.maximum(out_p, 0.0)
+        return motion.state + np.where(motion.valid()[..., None], out_e, 0.0), np.maximum(out_p, 0.0)
 
     def _filter(self, measured: Array, sigma: Array, disturbance: Array) -> tuple[list[Array], list[Array], list[Array], list[Array], float]:
         """Means and covariances of the error after and before each row was seen, and the log likelihood."""
         motion, n = self.motion, self.motion.joints
         count, rows = motion.time.shape
         size = 2 * n
-        valid = np.arange(rows) < motion.rows[:, None]
-        seen = np.isfinite(measured) & valid[..., None]
+        seen = np.isfinite(measured) & motion.valid()[..., None]
         y = np.where(seen, measured - motion.state, 0.0)
         r = np.where(seen, sigma**2, 1e12)
         e, p = np.zeros((count, size)), np.zeros((count, size, size))
@@ -309,10 +299,7 @@ class Bodies:
         """Joint torques, shape (..., joints), that `effects` ask for less than the base does: what they add to the motors'."""
         linear = self._linear
         rig = linear.rig
-        model = rig.model.copy()
-        chain = rig.chain(effects)
-        for effect in chain:
-            effect.install(model)
+        model = rig.changed(effects)
         added = np.zeros(self._accelerations.shape)
         for link, columns in self._columns.items():
             change = body_parameters(*model.inertial(link)) - self._base[link]
@@ -324,8 +311,7 @@ class Bodies:
         gravity = np.array(model.gravity or rig.gravity)
         if (gravity != linear.gravity).any():
             added -= self._gravity @ (gravity - linear.gravity)
-        for joint, name in enumerate(rig.joints):
-            inertia = sum(effect.inertia for effect in chain if isinstance(effect, Armature) and effect.target == name) - linear.rotors[joint]
+        for joint, inertia in enumerate(rig.rotors(effects) - linear.rotors):
             if inertia:
                 added[..., joint] -= inertia * self._accelerations[..., joint]
         return added
@@ -388,9 +374,19 @@ class Search:
         self._dq = np.where(rest, 0.0, dq)
         self._warm = warm
         self._memory: dict[bool, list[Array]] = {}
-        accelerations = (self.state[:, 1:, n:] - self.state[:, :-1, n:]) / intervals[..., None]
-        self.bodies = Bodies(linear, (self.state[:, 1:] + self.state[:, :-1]) / 2, accelerations)
-        self.delivered = self.torques(linear.base)
+        self._intervals = intervals
+
+    @functools.cached_property
+    def bodies(self) -> Bodies:
+        """What bodies ask for along the windows' motion."""
+        n = self.linear.motion.joints
+        accelerations = (self.state[:, 1:, n:] - self.state[:, :-1, n:]) / self._intervals[..., None]
+        return Bodies(self.linear, (self.state[:, 1:] + self.state[:, :-1]) / 2, accelerations)
+
+    @functools.cached_property
+    def delivered(self) -> Array:
+        """Mean torque of each interval under the base, as `torques`."""
+        return self.torques(self.linear.base)
 
     def leading(self, effects: Sequence[Effect]) -> Array | None:
         """How the prediction changes, projected, if dry friction turns round `LEAD` s before the velocity does; None if there is none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -56,15 +56,19 @@ class Motion:
 
     def fine(self) -> tuple[Array, Array]:
         """Reference q and dq at the physics steps, shape (r, k, m, j): the cubic through both ends of each interval."""
-        following = np.concatenate((self.state[:, 1:], self.state[:, -1:]), 1)
-        return between(self.state, following, self.intervals(), self.u.shape[2])
+        return between(self.state, self.following(), self.intervals(), self.u.shape[2])
 
     def intervals(self) -> Array:
         """Time to the next row, s, shape (r, k); 0 at the last."""
         return np.concatenate((np.diff(self.time, axis=1), np.zeros((len(self.time), 1))), 1)
 
-    def with_state(self, state: Array, spread: Array) -> Motion:
-        return replace(self, state=state, spread=spread)
+    def following(self) -> Array:
+        """Reference at the next row, shape (r, k, 2 j); at the last row its own."""
+        return np.concatenate((self.state[:, 1:], self.state[:, -1:]), 1)
+
+    def valid(self, *, ahead: int = 0) -> npt.NDArray[np.bool_]:
+        """Which rows are true ones with `ahead` true rows after them, shape (r, k)."""
+        return np.asarray(np.arange(self.time.shape[1]) < self.rows[:, None] - ahead)
 
 
 def between(state: Array, following: Array, interval: Array, count: int) -> tuple[Array, Array]:
@@ -110,7 +114,7 @@ def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
         state.append(fill(np.concatenate((q, dq), 1)[index]))
         measured.append(fill(np.concatenate((recording.q, recording.dq), 1)[index]))
         time.append(fill(at))
-    motion = Motion(
+    return Motion(
         recordings,
         np.array(time),
         rows,
@@ -122,7 +126,6 @@ def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
         np.ones(2 * len(rig.joints)),
         np.zeros(len(rig.joints)),
     )
-    return motion
 
 
 def differentiate(recording: Recording) -> tuple[Array, Array, Array]:
@@ -152,7 +155,7 @@ def scales(motion: Motion, rig: Rig, inertia: Array, torque: Array) -> dict[str,
         torque: root mean square of the torques the motion asks for, shape (joints,).
     """
     n = motion.joints
-    valid = np.arange(motion.time.shape[1]) < motion.rows[:, None]
+    valid = motion.valid()
     q, dq = motion.state[valid][:, :n], motion.state[valid][:, n:]
     u = motion.u[valid]
     found = {}

@@ -15,7 +15,7 @@ import pandas as pd
 
 from mpge_bench.diagnosis.dynamics import Tree
 from mpge_bench.diagnosis.rig import Rig
-from mpge_bench.envs.effects import Armature, PositionServo
+from mpge_bench.envs.effects import PositionServo
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -103,7 +103,7 @@ def read_recording(path: Path, rig: Rig) -> Recording:
     nothing = np.zeros(len(time))
     for joint in rig.driven:
         if f"enabled_{joint}" in table.columns:
-            on = pd.to_numeric(table[f"enabled_{joint}"], errors="coerce").to_numpy(float) != 0
+            on = _numbers(table[f"enabled_{joint}"]) != 0
             values[f"u_{joint}"] = np.where(on, values[f"u_{joint}"], np.nan if rig.modes[joint] == "position" else 0.0)
     return Recording(
         path,
@@ -186,11 +186,9 @@ def _too_fast(recording: Recording, rig: Rig, column: int) -> bool:
 
     motion = np.stack(differentiate(recording), 1)
     turned = np.where([rig.model.is_prismatic(joint) for joint in rig.joints], 1.0, np.pi / 180) * motion
-    model = rig.model.copy()
-    for effect in rig.nominal:
-        effect.install(model)
+    model = rig.changed()
     tree, gravity = Tree(model, rig.joints), np.array(model.gravity or rig.gravity)
-    rotor = sum(effect.inertia for effect in rig.nominal if isinstance(effect, Armature) and effect.target == rig.joints[column])
+    rotor = rig.rotors()[column]
     servo = next((effect for effect in rig.nominal if isinstance(effect, PositionServo) and effect.target == rig.joints[column]), None)
     given = recording.u[:, column] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(motion))
     still = np.zeros_like(motion[:, 0])

@@ -45,11 +45,10 @@ def _stated(rig: Rig) -> Array:
 def asked_torque(linear: Linear) -> Array:
     """Root mean square of the torques that the reference motion asks for beyond the motors', or of the motors', whichever is more, shape (joints,)."""
     motion = linear.motion
-    valid = np.arange(motion.time.shape[1]) < motion.rows[:, None] - 1
+    valid = motion.valid(ahead=1)
     n = motion.joints
     h = np.where(valid, motion.intervals(), 1.0)[..., None]
-    following = np.concatenate((motion.state[:, 1:, n:], motion.state[:, -1:, n:]), 1)
-    inertial = (linear.inertia @ ((following - motion.state[..., n:]) / h)[..., None])[..., 0]
+    inertial = (linear.inertia @ ((motion.following() - motion.state)[..., n:] / h)[..., None])[..., 0]
     return np.asarray(np.maximum(np.sqrt(np.mean(linear.delivered[valid] ** 2, 0)), np.sqrt(np.mean(inertial[valid] ** 2, 0))))
 
 
@@ -60,15 +59,14 @@ def _refine(linear: Linear, sigma: Array, stated: Array, effects: Sequence[Effec
     best = max(((linear.likelihood(measured, sigma, share * size), share) for share in DISTURBANCES), key=lambda pair: pair[0])[1]
     state, variance = linear.smooth(measured, sigma, best * size)
     for _ in range(0 if np.isfinite(stated).all() else 2):
-        seen = np.isfinite(measured) & (np.arange(measured.shape[1]) < motion.rows[:, None])[..., None]
+        seen = np.isfinite(measured) & motion.valid()[..., None]
         count = seen.sum((0, 1))
         total = np.where(seen, (measured - state) ** 2 + variance, 0.0).sum((0, 1))
         update = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.inf)
         update = np.maximum(update, resolution(motion) / np.sqrt(12))
         sigma = np.where(np.isfinite(stated), stated, update)
         state, variance = linear.smooth(measured, sigma, best * size)
-    valid = np.arange(motion.time.shape[1]) < motion.rows[:, None]
-    spread = np.sqrt(np.mean(variance[valid][:, n:], 0))
+    spread = np.sqrt(np.mean(variance[motion.valid()][:, n:], 0))
     refined = Linear(linear.rig, replace(motion, state=state, spread=spread, sigma=sigma), linear.base)
     return refined, sigma
 
@@ -111,8 +109,7 @@ def resolution(motion: Motion) -> Array:
 def _first_noise(linear: Linear) -> Array:
     """From third differences of the measured motion, after what the simulator says of them has been taken away: model errors are smooth, noise is not."""
     motion = linear.motion
-    following = np.concatenate((motion.state[:, 1:], motion.state[:, -1:]), 1)
-    expected = linear.defects + following - motion.state
+    expected = linear.defects + motion.following() - motion.state
     sigma = []
     for channel in range(motion.measured.shape[-1]):
         found = []

@@ -84,6 +84,18 @@ class Rig:
         """
         return World(self.model, timestep=timestep or self.timestep, substeps=substeps, gravity=self.gravity, iterations=50, effects=self.chain(effects))
 
+    def changed(self, effects: Sequence[Effect] = ()) -> Model:
+        """The model with the rig's own and further `effects` installed."""
+        model = self.model.copy()
+        for effect in self.chain(effects):
+            effect.install(model)
+        return model
+
+    def rotors(self, effects: Sequence[Effect] = ()) -> list[float]:
+        """Inertia, kg m², that the rig's own and further `effects` add to each joint's own."""
+        armatures = [effect for effect in self.chain(effects) if isinstance(effect, Armature)]
+        return [sum(effect.inertia for effect in armatures if effect.target == joint) for joint in self.joints]
+
     def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
         """The rig's YAML content with `effects` added to its own, and `robot` as the path of the model."""
         return {**self.data, "robot": robot, "effects": [*(self.data.get("effects") or []), *(effect.to_dict() for effect in effects)]}

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from mpge_bench.diagnosis.linear import Search
 from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, with_parameters
-from mpge_bench.envs.effects import CATALOGUE, Armature, Effect, Scale, ViscousFriction
+from mpge_bench.envs.effects import CATALOGUE, Armature, Effect, Scale, UnknownTorque, ViscousFriction
 
 Array = npt.NDArray[np.float64]
 
@@ -45,6 +45,24 @@ def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
 
 def label(effects: Sequence[Effect]) -> str:
     return " + ".join(f"{effect.name}:{effect.target}" for effect in effects) or "nothing"
+
+
+def signal_of(effect: Effect) -> str:
+    """The signal, ``"command"``, ``"q"`` or ``"dq"``, that an effect on a joint goes by, as far as there is one."""
+    if isinstance(effect, UnknownTorque):
+        return effect.signal
+    return "command" if effect.maps_command else "q" if effect.name == "joint_spring" else "dq"
+
+
+def values_of(effects: Sequence[Effect]) -> Array:
+    """All parameters of `effects`, one after another."""
+    return np.array([value for effect in effects for value in parameters_of(effect)])
+
+
+def limits_of(effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """Lower and upper bounds of `values_of`."""
+    low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
+    return low, high
 
 
 @dataclass(frozen=True)
@@ -130,21 +148,18 @@ class Fitter:
         gram = np.einsum("awk,bwk->ab", numeric, numeric)
         return values - np.tensordot(np.linalg.lstsq(gram, along.T, rcond=1e-10)[0].T, numeric, 1)
 
-    def change(self, effects: Sequence[Effect]) -> Array:
-        return self.search.change(effects)
-
     def columns(self, candidate: Candidate, effects: Sequence[Effect] = ()) -> Array:
         """Changes of the prediction by each start of `candidate` beside `effects`, shape (starts, windows, rows * channels)."""
-        at = self.change(effects) if effects else 0.0
-        return np.stack([self.change([*effects, start]) - at for start in candidate.starts])
+        at = self.search.change(effects) if effects else 0.0
+        return np.stack([self.search.change([*effects, start]) - at for start in candidate.starts])
 
     def fit(self, effects: Sequence[Effect], *, evaluations: int = 12) -> Fitted:
         """Least squares over all parameters of `effects`, from their present values."""
-        first = np.array([value for effect in effects for value in parameters_of(effect)])
+        first = values_of(effects)
         raw = self.search.residual()
         if not len(first):
-            return Fitted(tuple(effects), self.settle(raw - self.change(effects), effects)[0], np.zeros((0, *raw.shape)))
-        low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
+            return Fitted(tuple(effects), self.settle(raw - self.search.change(effects), effects)[0], np.zeros((0, *raw.shape)))
+        low, high = limits_of(effects)
         size = self._sizes(effects)
 
         def built(z: Array) -> list[Effect]:
@@ -152,18 +167,18 @@ class Fitter:
 
         def miss(z: Array) -> Array:
             effects = built(z)
-            misses = self.settle(raw - self.change(effects), effects)[0][self.train].ravel()
+            misses = self.settle(raw - self.search.change(effects), effects)[0][self.train].ravel()
             # What the recordings do not tell stays where it started.
             return np.concatenate((misses, 0.01 * (z - first / size)))
 
         solved = least_squares(miss, first / size, bounds=(low / size - 1e-9, high / size + 1e-9), diff_step=1e-4, max_nfev=evaluations, xtol=1e-4, ftol=1e-5)
         final = built(solved.x)
-        at = self.change(final)
+        at = self.search.change(final)
         sensitivity = []
         for index in range(len(first)):
             moved = solved.x.copy()
             moved[index] += 1e-4 if moved[index] + 1e-4 <= high[index] / size[index] else -1e-4
-            sensitivity.append((self.change(built(moved)) - at) / ((moved - solved.x)[index] * size[index]))
+            sensitivity.append((self.search.change(built(moved)) - at) / ((moved - solved.x)[index] * size[index]))
         return Fitted(tuple(final), self.settle(raw - at, final)[0], np.array(sensitivity))
 
     def _sizes(self, effects: Sequence[Effect]) -> Array:
@@ -193,13 +208,11 @@ class Screening:
     Attributes:
         p_value: probability that the largest of all gains is as large by chance.
         gains: how much the sum of squares falls, at most, to first order, by candidate.
-        scores: minus log10 of each gain's own probability under no effect, by candidate.
         best: the start of each candidate that gains most.
     """
 
     p_value: float
     gains: dict[Candidate, float]
-    scores: dict[Candidate, float]
     best: dict[Candidate, Effect]
 
 
@@ -219,7 +232,7 @@ def screen(
     """
     rng = np.random.default_rng(0)
     flips = rng.choice([-1.0, 1.0], (draws, residual.shape[0]))
-    gains, scores, best = {}, {}, {}
+    gains, best = {}, {}
     top, top_drawn = 0.0, np.zeros(draws)
     noise = max(float(np.mean(residual**2)), 1e-12)
     # Windows that miss much more than others must not drown them.
@@ -230,13 +243,12 @@ def screen(
     for candidate in options:
         columns = fitter.clear(fitter.columns(candidate, present) if isinstance(candidate, Candidate) else candidate)
         columns = columns * weight
-        flat = columns.reshape(len(columns), -1)
-        flat_all = flat
-        size = np.sqrt((flat**2).sum(1))
+        every = columns.reshape(len(columns), -1)
+        size = np.sqrt((every**2).sum(1))
         alive = size > 1e-6
         if not alive.any():
             continue
-        flat = flat[alive] / size[alive, None]
+        flat = every[alive] / size[alive, None]
         values, vectors = np.linalg.eigh(flat @ flat.T)
         kept = values > 1e-6 * values.max()
         basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ flat
@@ -248,14 +260,14 @@ def screen(
         top = max(top, score)
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(basis)) / np.log(10))
         if isinstance(candidate, Candidate):
-            gains[candidate], scores[candidate] = gain, score
-            best[candidate] = candidate.starts[_nearest(candidate, flat_all, residual.ravel())]
+            gains[candidate] = gain
+            best[candidate] = candidate.starts[_nearest(candidate, every, residual.ravel())]
     exceeding = int((top_drawn >= top).sum())
     p_value = (1 + exceeding) / (1 + draws)
     if exceeding == 0:
         # Beyond the drawn ones the maxima fall off as 10^-score.
         p_value = min(p_value, float(10 ** -(top - np.quantile(top_drawn, 0.5)) * 0.5))
-    return Screening(p_value, gains, scores, best)
+    return Screening(p_value, gains, best)
 
 
 def _nearest(candidate: Candidate, columns: Array, residual: Array) -> int:

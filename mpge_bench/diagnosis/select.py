@@ -17,8 +17,8 @@ from mpge_bench.diagnosis.linear import Linear, Search, Windows, windows_of
 from mpge_bench.diagnosis.motion import scales
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
-from mpge_bench.diagnosis.rig import Rig, bounds_of, parameters_of
-from mpge_bench.diagnosis.search import Fitted, Fitter, Screening, candidates, label, rebuild, screen
+from mpge_bench.diagnosis.rig import Rig, parameters_of
+from mpge_bench.diagnosis.search import Fitted, Fitter, Screening, candidates, label, limits_of, rebuild, screen, signal_of, values_of
 from mpge_bench.diagnosis.simulator import Predictor
 from mpge_bench.envs.effects import Effect, UnknownTorque
 from mpge_bench.envs.errors import UserError
@@ -90,7 +90,6 @@ class Fits:
         self.rig, self.recordings, self.linear, self.windows = rig, recordings, linear, windows
         self.held_out = held_out_windows(windows, linear)
         self.sigma = linear.motion.sigma
-        self._smooth: dict[tuple[int, int], Array] = {}
 
     def fitter(self, effects: Sequence[Effect] = ()) -> Fitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
@@ -108,7 +107,7 @@ class Fits:
     def judged(self, fitter: Fitter, fitted: Fitted) -> Found:
         """How well `fitted` predicts."""
         count, cost, held = self.measured(fitter), fitted.cost, self.held_out
-        size = np.abs([value for effect in fitted.effects for value in parameters_of(effect)])
+        size = np.abs(values_of(fitted.effects))
         columns = fitted.sensitivity.reshape(fitted.size, fitted.misses.size) * np.where(size > 0, size, 1.0)[:, None]
         strength = np.linalg.svd(columns @ columns.T, compute_uv=False) if fitted.size else np.zeros(0)
         # A parameter that moves the prediction by less than a tenth of a standard deviation when it doubles is not told by the recordings.
@@ -155,9 +154,7 @@ class Fits:
                 jacobian = fitted.sensitivity[:, train].reshape(fitted.size, -1).T
                 size = np.maximum(np.sqrt((jacobian**2).sum(0)), 1e-12)
                 step = np.linalg.lstsq(jacobian / size, misses[train].ravel(), rcond=1e-4)[0] / size
-                values = np.array([value for effect in effects for value in parameters_of(effect)]) + step
-                low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
-                effects = rebuild(effects, np.clip(values, low, high))
+                effects = rebuild(effects, np.clip(values_of(effects) + step, *limits_of(effects)))
         if best is None:
             # Parameters under which the simulation flies apart are no candidates.
             return Fitted(fitted.effects, np.full(fitter.residual.shape, 1e6), fitted.sensitivity)
@@ -222,7 +219,8 @@ class Explorer:
     Args:
         rig, recordings: to be explained.
         horizon: how far ahead predictions are judged, s.
-        pool: runs `_worker_*` functions in processes that hold the same `Fits`; None does all here.
+        jobs: processes.
+        deadline: of the monotonic clock, s, after which nothing new is begun.
         say: called with each step's outcome, for a log.
         advance: called after each model fitted.
     """
@@ -284,11 +282,16 @@ class Explorer:
     def tested(self) -> Screening:
         """Whether there is a mismatch at all: every candidate, and nameless curves, held against what the nominal simulator misses."""
         fitter = self.fitter_now
-        nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
-        self.empty = self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing, final=True))
+        self.empty = self._nominal()
         self.screening = screen(fitter, self.candidates, self.empty.fitted.misses, [columns for _, columns in self._curves(fitter)])
         self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
         return self.screening
+
+    def _nominal(self) -> Found:
+        """The model of no effects."""
+        fitter = self.fitter_now
+        nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
+        return self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing, final=True))
 
     def explore(self) -> tuple[Found, Screening]:
         """Forward selection with a beam, as long as held-out recordings gain, then what can be left out is left out.
@@ -331,7 +334,6 @@ class Explorer:
             # A model far from the noise may still be half of the truth, but not where another has reached it.
             beam = [pair for pair in grown[:BEAM] if pair[0].held_out < (1.2 if best.held_out < 1.2 else 30.0) * best.held_out]
             rest = screen(beam[0][1], self.candidates, best.fitted.misses, present=best.effects, draws=499)
-            self.rest = rest
             strongest = max(rest.gains.values(), default=0.0)
             self._say(f"left: p = {rest.p_value:.3g}, strongest {strongest:.4g} of {(best.fitted.misses**2).sum():.4g}")
             if rest.p_value >= SIGNIFICANCE or strongest < MATERIAL * float((best.fitted.misses**2).sum()):
@@ -367,7 +369,7 @@ class Explorer:
             all_windows = np.ones_like(self.fits.held_out)
             mostly = gain(self.empty, named, all_windows)[0] > 0.5 * gain(self.empty, rich, all_windows)[0]
             for effect in [one for one in chosen.effects if not isinstance(one, UnknownTorque)]:
-                if mostly and (effect.target, _signal(effect)) == (curve.target, curve.signal):
+                if mostly and (effect.target, signal_of(effect)) == (curve.target, curve.signal):
                     continue
                 rest = [other for other in chosen.effects if (other.name, other.target) != (effect.name, effect.target)]
                 less = self._with_curve(rest[:-1], rest[-1])
@@ -458,9 +460,7 @@ class Explorer:
             return
         self._say(f"noise {self.fits.sigma} -> {sigma}")
         self.fits.sigma = sigma
-        fitter = self.fitter_now
-        nothing = Fitted((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
-        self.empty = self.fits.judged(fitter, self.fits.in_simulator(fitter, nothing, final=True))
+        self.empty = self._nominal()
         self.found = [self.empty]
 
     def better(self, simple: Found, rich: Found) -> bool:
@@ -508,11 +508,6 @@ class Explorer:
                 if not self.better(plain, chosen):
                     return self._plainer(plain)
         return chosen
-
-
-def _signal(effect: Effect) -> str:
-    """The signal that an effect on a joint goes by, as far as there is one."""
-    return "command" if effect.maps_command else "q" if effect.name == "joint_spring" else "dq"
 
 
 def _begin() -> None:
