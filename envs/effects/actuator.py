@@ -249,7 +249,7 @@ class Backlash(Effect):
 
     name = "backlash"
     on = "joint"
-    parameters = {"width": Parameter("rad", 0.0, 3.0), "motor_inertia": Parameter("kg m²", 1e-7, 1e3)}
+    parameters = {"width": Parameter("rad", 0.0, 3.0, step=0.05), "motor_inertia": Parameter("kg m²", 1e-7, 1e3, step=0.01)}
     remembers = True
     needs_motor = True
     place = 80

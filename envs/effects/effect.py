@@ -25,6 +25,7 @@ class Parameter:
     Attributes:
         neutral: the value at which the effect vanishes (infinite where none in the range does).
         size: how many numbers; None for any number of them.
+        step: share of its size by which it is moved to see what depends on it; large where the motion answers in jerks.
     """
 
     unit: str
@@ -32,6 +33,7 @@ class Parameter:
     high: float
     neutral: float = 0.0
     size: int | None = 1
+    step: float = 1e-4
 
 
 @dataclass(frozen=True)

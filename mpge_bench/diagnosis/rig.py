@@ -237,6 +237,11 @@ def bounds_of(effect: Effect) -> tuple[list[float], list[float]]:
     return [p.low for p, size in sizes for _ in range(size)], [p.high for p, size in sizes for _ in range(size)]
 
 
+def steps_of(effect: Effect) -> list[float]:
+    """Shares of their size by which `parameters_of(effect)` are moved to see what depends on them."""
+    return [parameter.step for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
+
+
 def _fitted(effect: Effect) -> list[tuple[str, Parameter]]:
     """The parameters that a fit may change: none of a nameless curve, which is solved for."""
     return [] if isinstance(effect, UnknownTorque) else list(effect.parameters.items())

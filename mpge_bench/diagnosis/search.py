@@ -12,7 +12,7 @@ from scipy import stats
 from scipy.optimize import least_squares, lsq_linear
 
 from mpge_bench.diagnosis.linear import Search
-from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, with_parameters
+from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, steps_of, with_parameters
 from mpge_bench.envs.effects import CATALOGUE, Armature, Effect, Scale, UnknownTorque, ViscousFriction
 
 Array = npt.NDArray[np.float64]
@@ -171,15 +171,28 @@ class Fitter:
             # What the recordings do not tell stays where it started.
             return np.concatenate((misses, 0.01 * (z - first / size)))
 
-        solved = least_squares(miss, first / size, bounds=(low / size - 1e-9, high / size + 1e-9), diff_step=1e-4, max_nfev=evaluations, xtol=1e-4, ftol=1e-5)
+        step = np.array([step for effect in effects for step in steps_of(effect)])
+        bounds = (low / size - 1e-9, high / size + 1e-9)
+        solved = least_squares(miss, first / size, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=1e-4, ftol=1e-5)
         final = built(solved.x)
         at = self.search.change(final)
         sensitivity = []
         for index in range(len(first)):
             moved = solved.x.copy()
-            moved[index] += 1e-4 if moved[index] + 1e-4 <= high[index] / size[index] else -1e-4
+            moved[index] += step[index] if moved[index] + step[index] <= high[index] / size[index] else -step[index]
             sensitivity.append((self.search.change(built(moved)) - at) / ((moved - solved.x)[index] * size[index]))
         return Fitted(tuple(final), self.settle(raw - at, final)[0], np.array(sensitivity))
+
+    def grow(self, effects: Sequence[Effect], candidate: Candidate, first: Effect) -> Fitted:
+        """`effects` and `candidate` fitted, from its start `first` and, where it has a hidden state and stays far from the noise, from its other starts."""
+        best = self.fit([*effects, first])
+        enough = 3 * self.residual[self.train].size
+        for start in candidate.starts if first.remembers else ():
+            if start != first and best.cost[self.train].sum() > enough:
+                other = self.fit([*effects, start], evaluations=5)
+                if other.cost[self.train].sum() < best.cost[self.train].sum():
+                    best = self.fit(other.effects)
+        return best
 
     def _sizes(self, effects: Sequence[Effect]) -> Array:
         """Typical size of each parameter, for a well-scaled fit."""

@@ -18,9 +18,9 @@ from mpge_bench.diagnosis.motion import scales
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
 from mpge_bench.diagnosis.rig import Rig, parameters_of
-from mpge_bench.diagnosis.search import Fitted, Fitter, Screening, candidates, label, limits_of, rebuild, screen, signal_of, values_of
+from mpge_bench.diagnosis.search import Candidate, Fitted, Fitter, Screening, candidates, label, limits_of, rebuild, screen, signal_of, values_of
 from mpge_bench.diagnosis.simulator import Predictor
-from mpge_bench.envs.effects import Effect, UnknownTorque
+from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque, effect_from_dict
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -31,15 +31,24 @@ SIGNIFICANCE = 0.01
 MATERIAL = 0.01
 #: Points of a nameless curve, and the least share by which it must beat the named physics.
 KNOTS, CURVE_MATERIAL = 41, 0.1
-#: Effects that a larger one contains, as Stribeck's friction contains Coulomb's.
-SIMPLER = {
-    "stribeck_friction": ("coulomb_friction", "viscous_friction"),
+#: Effects that a larger one contains, as Stribeck's friction contains Coulomb's: never beside it.
+CONTAINED = {
+    "stribeck_friction": ("coulomb_friction",),
     "joint_elasticity": ("armature",),
     "backlash": ("armature",),
-    "back_emf_limit": ("torque_limit", "viscous_friction"),
     "joint_spring": ("torque_bias",),
+}
+#: Plainer effects that a larger one may be mistaken for.
+SIMPLER = {
+    **CONTAINED,
+    "stribeck_friction": ("coulomb_friction", "viscous_friction"),
+    "back_emf_limit": ("torque_limit", "viscous_friction"),
     "payload": ("mass_scale",),
 }
+#: Root mean square torque that an effect must add to or take from a joint, as a share of the torques that the joint works with (of a sensor's, of the
+#: motion that it reads). Where two simulators differ is often mended a little by tiny stiffness, play or lag; what is called an effect must be seen in
+#: the torques, too.
+SLIGHT = 0.005
 #: What is missed, in units of the noise's sum of squares, below which nothing more is looked for.
 CLEAN = 1.1
 #: Models that are followed up in each round, and most effects of a model.
@@ -90,6 +99,8 @@ class Fits:
         self.rig, self.recordings, self.linear, self.windows = rig, recordings, linear, windows
         self.held_out = held_out_windows(windows, linear)
         self.sigma = linear.motion.sigma
+        #: That the joints work with, N m, shape (joints,).
+        self.torque = asked_torque(linear)
 
     def fitter(self, effects: Sequence[Effect] = ()) -> Fitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
@@ -99,10 +110,14 @@ class Fits:
             search = Search(linear, self.windows, self.sigma, consistent=True)
         return Fitter(search, ~self.held_out)
 
-    def polished(self, effects: Sequence[Effect]) -> tuple[Found, Fitter]:
-        """The best parameters of `effects`, with the simulator linearised about them, and that fitter."""
+    def polished(self, effects: Sequence[Effect], *, evaluations: int = 6) -> tuple[Found, Fitter]:
+        """The best parameters of `effects`, with the simulator linearised about them, and that fitter.
+
+        Args:
+            evaluations: of the linearised simulator in fitting, before PyBullet's own predictions take over; 1 leaves the parameters to the latter.
+        """
         fitter = self.fitter(effects)
-        return self.judged(fitter, self.in_simulator(fitter, fitter.fit(effects, evaluations=6), final=True)), fitter
+        return self.judged(fitter, self.in_simulator(fitter, fitter.fit(effects, evaluations=evaluations), iterations=3, final=True)), fitter
 
     def judged(self, fitter: Fitter, fitted: Fitted) -> Found:
         """How well `fitted` predicts."""
@@ -114,6 +129,29 @@ class Fits:
         told = int((strength > 0.01).sum())
         typical = float(np.median(cost / np.maximum(count, 1e-9)))
         return Found(fitted, float(cost[~held].sum() / count[~held].sum()), float(cost[held].sum() / count[held].sum()), typical, told)
+
+    def slight(self, fitter: Fitter, effects: Sequence[Effect]) -> bool:
+        """Whether one of `effects` adds next to nothing to any joint's torque, or what a sensor reads, that the others or what it contains would not add."""
+        search = fitter.search
+
+        def torques(effects: Sequence[Effect]) -> Array:
+            return np.asarray(search.torques(effects) + search.bodies.torques(effects))
+
+        for effect in effects:
+            others = [other for other in effects if other is not effect]
+            if effect.on == "sensor":
+                misread = search.sensed(effects) - search.sensed(others)
+                if (np.sqrt(np.mean(misread**2, (0, 1))) < SLIGHT * np.std(search.state, (0, 1))).all():
+                    return True
+                continue
+            without = torques(others)
+            added = torques(effects) - without
+            for name in CONTAINED.get(effect.name, ()):
+                kin = torques([*others, effect_from_dict({"effect": name, "target": effect.target, next(iter(CATALOGUE[name].parameters)): 1.0})]) - without
+                added = added - kin * (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
+            if (np.sqrt(np.mean(added**2, (0, 1))) < SLIGHT * self.torque).all():
+                return True
+        return False
 
     def measured(self, fitter: Fitter) -> Array:
         """Number of measurements in each window that starting states cannot explain, less where a window counts less."""
@@ -160,7 +198,11 @@ class Fits:
             return Fitted(fitted.effects, np.full(fitter.residual.shape, 1e6), fitted.sensitivity)
         _, effects, misses, starts = best
         least = np.inf
-        for _ in range(2 if final else 0):
+        # The physics step is nothing to a model that misses much more than the noise, and once is enough for one that is at it.
+        count = float(self.measured(fitter)[train].sum())
+        for pass_ in range(2 if final and best[0] < 30 * count else 0):
+            if pass_ and least < CLEAN * count:
+                break
             coarse, fine = (self._predicted(fitter, effects, starts, parts) for parts in (1, 2))
             if coarse is None or fine is None:
                 break
@@ -247,7 +289,7 @@ class Explorer:
         linear = prepare(recordings, rig)
         self.fits = Fits(rig, recordings, linear, windows_of(linear.motion, horizon))
         inertia = np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1))
-        self.scales = scales(linear.motion, rig, inertia, asked_torque(linear))
+        self.scales = scales(linear.motion, rig, inertia, self.fits.torque)
         self.candidates = candidates(rig, self.scales)
         self.found: list[Found] = []
         self._fitter: Fitter | None = None
@@ -321,8 +363,10 @@ class Explorer:
             # The noise may just have been estimated anew, and the empty model with it.
             before = beam[0][0] if depth else self.empty
             # Where one model is near, one that is far off cannot catch up.
-            grown = self._each(_polish, (), [one.effects for one in drafts[:4] if one.train < 10 * drafts[0].train])
-            grown.sort(key=lambda pair: pair[0].train)
+            grown = self._each(_polish, (), [one.effects for one in drafts[:4] if one.train < (4 if depth else 10) * drafts[0].train])
+            grown = sorted((pair for pair in grown if not self.fits.slight(pair[1], pair[0].effects)), key=lambda pair: pair[0].train)
+            if not grown:
+                break
             grown[0] = self._converged(*grown[0])
             for model, _ in grown:
                 self._report(model)
@@ -416,23 +460,31 @@ class Explorer:
 
     def _converged(self, model: Found, fitter: Fitter) -> tuple[Found, Fitter]:
         """`model` fitted anew about its own fit until that no longer helps."""
+        evaluations = 6
         for _ in range(4):
-            if model.train < CLEAN or self.late:
+            if self.late:
                 break
-            again = self.fits.polished(model.effects)
+            if model.train < CLEAN:
+                evaluations = 1
+            again = self.fits.polished(model.effects, evaluations=evaluations)
             gained = model.train - again[0].train
             if gained > 0:
                 model, fitter = again
             if gained < 0.05 * model.train:
-                break
+                if evaluations == 1:
+                    break
+                evaluations = 1
         return model, fitter
 
     def _extend(self, model: Found, fitter: Fitter, tried: int) -> list[Found]:
         """Models of one more effect than `model`, fitted roughly, those that promise most."""
         looked = self.screening if not model.effects else screen(fitter, self.candidates, model.fitted.misses, present=model.effects, draws=49)
         ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
-        fitted = self._each(_fit, (fitter,), [[*model.effects, looked.best[one]] for one in ranked[:tried]])
-        fitted.sort(key=lambda one: float(one.cost.sum()))
+        present = {(simpler, effect.target) for effect in model.effects for simpler in CONTAINED.get(effect.name, ())}
+        ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
+        rest = [[effect for effect in model.effects if effect.target != one.target or effect.name not in CONTAINED.get(one.name, ())] for one in ranked]
+        fitted = self._each(_fit, (fitter,), [(effects, one, looked.best[one]) for effects, one in zip(rest, ranked, strict=True)])
+        fitted = sorted((one for one in fitted if not self.fits.slight(fitter, one.effects)), key=lambda one: float(one.cost.sum()))
         drafts = self._each(_simulate, (fitter,), fitted[: tried // 2])
         for draft in drafts:
             self._report(draft)
@@ -481,16 +533,22 @@ class Explorer:
         while len(chosen.effects) > 1:
             known = {one.key: one for one in self.found}
             fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
-            new = [effects for effects in fewer if _key(effects) not in known]
+            fitter = self.fits.fitter(chosen.effects)
+            new = [effects for effects in fewer if _key(effects) not in known and self._near(fitter, effects, chosen)]
             for less, _ in self._each(_polish, (), new):
                 self.found.append(less)
                 self._report(less)
             known = {one.key: one for one in self.found}
-            kept = [known[_key(effects)] for effects in fewer if not self.better(known[_key(effects)], chosen)]
+            kept = [known[_key(effects)] for effects in fewer if _key(effects) in known and not self.better(known[_key(effects)], chosen)]
             if not kept:
                 break
             chosen = min(kept, key=lambda one: one.held_out)
         return self._plainer(chosen)
+
+    def _near(self, fitter: Fitter, effects: Sequence[Effect], chosen: Found) -> bool:
+        """Whether `effects` could come near `chosen`, by a fit in the simulator linearised about the latter."""
+        train = ~self.fits.held_out
+        return float(fitter.fit(effects).cost[train].sum()) < 3 * max(chosen.train, 1.0) * float(self.fits.measured(fitter)[train].sum())
 
     def _plainer(self, chosen: Found) -> Found:
         """`chosen` with an effect's simpler kin in its place, where that predicts as well."""
@@ -519,8 +577,8 @@ def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]
     return [work(*shared, item) for item in items]
 
 
-def _fit(fits: Fits, fitter: Fitter, effects: Sequence[Effect]) -> Fitted:
-    return fitter.fit(effects)
+def _fit(fits: Fits, fitter: Fitter, step: tuple[Sequence[Effect], Candidate, Effect]) -> Fitted:
+    return fitter.grow(*step)
 
 
 def _simulate(fits: Fits, fitter: Fitter, fitted: Fitted) -> Found:
