@@ -44,6 +44,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("runs/concealed"), help="where the diagnoses go")
     parser.add_argument("--only", default="*", help="cases whose name matches")
     parser.add_argument("--jobs", type=int, default=2, help="processes of each diagnosis")
+    parser.add_argument("--seconds", type=float, default=75, help="time budget of each diagnosis")
     arguments = parser.parse_args()
     console = Console()
     cases = [path for path in sorted((arguments.folder / "given").iterdir()) if fnmatch(path.name, arguments.only)]
@@ -53,7 +54,7 @@ def main() -> int:
             continue
         begun = time.monotonic()
         command = [sys.executable, "-m", "mpge_bench", "diagnose", "--rig", str(case / "rig.yaml"), "--recording", str(case / "train_*.csv"), "--out", str(out)]
-        done = subprocess.run([*command, "--jobs", str(arguments.jobs)], capture_output=True, text=True)
+        done = subprocess.run([*command, "--jobs", str(arguments.jobs), "--seconds", str(arguments.seconds)], capture_output=True, text=True)
         out.mkdir(parents=True, exist_ok=True)
         (out / "console.txt").write_text(done.stdout + done.stderr)
         (out / "seconds.txt").write_text(f"{time.monotonic() - begun:.1f}")
