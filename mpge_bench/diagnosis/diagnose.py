@@ -16,9 +16,9 @@ import numpy.typing as npt
 import yaml
 from scipy import stats
 
+from mpge_bench.diagnosis.agreement import trusted
 from mpge_bench.diagnosis.evidence import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
 from mpge_bench.diagnosis.linear import drive
-from mpge_bench.diagnosis.motion import differentiate
 from mpge_bench.diagnosis.recording import Recording, find_recordings, read_recordings
 from mpge_bench.diagnosis.reference import rebase, resolution
 from mpge_bench.diagnosis.report import report_html
@@ -102,6 +102,7 @@ def diagnose(
         UserError: if the nominal simulation is unstable.
     """
     begun = time.monotonic()
+    recordings, doubts = trusted(recordings, rig)
     simulate(rig, recordings[0], horizon)  # an unstable one is refused before anything is searched
     if progress:
         progress.stage("fitting models", 0)
@@ -110,7 +111,7 @@ def diagnose(
     try:
         chosen, screening = explorer.explore()
         late = explorer.late
-        return _Conclusion(explorer, chosen, screening.p_value, late, begun).diagnosis()
+        return _Conclusion(explorer, chosen, screening.p_value, doubts, late, begun).diagnosis()
     finally:
         explorer.close()
 
@@ -118,8 +119,8 @@ def diagnose(
 class _Conclusion:
     """Everything that is said about the chosen model."""
 
-    def __init__(self, explorer: Explorer, chosen: Found, p_value: float, late: bool, begun: float) -> None:
-        self.explorer, self.chosen, self.p_value, self.late, self.begun = explorer, chosen, p_value, late, begun
+    def __init__(self, explorer: Explorer, chosen: Found, p_value: float, doubts: Mapping[str, str], late: bool, begun: float) -> None:
+        self.explorer, self.chosen, self.p_value, self.doubts, self.late, self.begun = explorer, chosen, p_value, doubts, late, begun
         self.rig, self.fits = explorer.rig, explorer.fits
         self.named = tuple(effect for effect in chosen.effects if not isinstance(effect, UnknownTorque))
         self.curves = tuple(effect for effect in chosen.effects if isinstance(effect, UnknownTorque))
@@ -400,7 +401,7 @@ class _Conclusion:
         fitter = self.explorer.fitter_now
         scale = float(np.mean(fitter.residual**2))
         significant = float(stats.chi2.isf(SIGNIFICANCE / len(self.explorer.candidates), 1))
-        needed = max(significant, MATERIAL * float(self.fits.measured(fitter).sum())) * max(scale, 1e-9)
+        needed = max(significant, MATERIAL * float(fitter.count.sum())) * max(scale, 1e-9)
         found = []
         for candidate in self.explorer.candidates:
             kind = type(candidate.starts[0])
@@ -435,30 +436,14 @@ class _Conclusion:
             if steps[column] > 0:
                 text += f" (an encoder with steps of {steps[column]:.2g} {unit})"
             speed = self.fits.sigma[n + column]
-            text += f", of dq about {speed:.2g} {rate_unit}." if np.isfinite(speed) else "; dq not recorded, so velocities are reconstructed from q."
+            if np.isfinite(speed):
+                text += f", of dq about {speed:.2g} {rate_unit}."
+            else:
+                why = f"dq {self.doubts[joint]}, and is left out" if joint in self.doubts else "dq not recorded"
+                text += f"; {why}, so velocities are reconstructed from q."
             found.append(text + (" Stated by the rig." if "q" in rig.noise else ""))
-            found += self._agreement(column, joint)
             if rig.modes[joint] != "passive" and not any(np.ptp(one.u[:, column]) > 0 for one in self.explorer.recordings):
                 found.append(f"{joint}: never commanded, so nothing can be said of its motor.")
-        return found
-
-    def _agreement(self, column: int, joint: str) -> list[str]:
-        """Whether dq is the derivative of q."""
-        slopes = []
-        for one in self.explorer.recordings:
-            if not np.isfinite(one.dq[:, column]).all():
-                return []
-            plain = Recording(one.path, one.time, one.u, one.q, np.full_like(one.dq, np.nan))
-            _, dq, ddq = differentiate(plain)
-            slopes.append(np.linalg.lstsq(np.column_stack((dq[:, column], ddq[:, column])), one.dq[:, column], rcond=None)[0])
-        gain, late = np.median(slopes, axis=0)
-        found = []
-        if abs(gain - 1) > 0.05:
-            found.append(f"{joint}: recorded dq is {gain:.3g} times the derivative of q; check its unit or filter.")
-        if abs(late) > max(0.003, 2 * self.rig.timestep):
-            found.append(
-                f"{joint}: recorded dq {'lags' if late < 0 else 'leads'} the derivative of q by {1000 * abs(late):.0f} ms; a filter or a clock, not dynamics."
-            )
         return found
 
     def _summary(

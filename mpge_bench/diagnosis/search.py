@@ -105,6 +105,11 @@ class Fitter:
                 numeric.append(search.change([*self.base, Armature(effect.target, effect.damping * rig.timestep)]))
                 limits.append((-1.0, 1.0))
         self._numeric, self._limits = numeric, limits
+        # Less where a window counts less, and what the starting states take.
+        relative = (search.weight * np.where(np.isfinite(search.sigma), search.sigma, 0.0)) ** 2
+        share = 1 - search.flow.shape[-1] / np.maximum((relative > 0).sum((1, 2)), 1)
+        #: Number of measurements in each window that starting states cannot explain.
+        self.count: Array = np.maximum(relative.sum((1, 2)) * share, 1e-9)
         self.residual, self.free = self.settle(search.residual(), self.base)
 
     def settle(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None, sensitivity: Array | None = None) -> tuple[Array, Array]:
@@ -139,6 +144,19 @@ class Fitter:
         inside = (size > limits[:, 0]) & (size < limits[:, 1])
         return residual - np.tensordot(size, numeric, 1), numeric[inside]
 
+    def level(self, cost: Array, windows: npt.NDArray[np.bool_] | slice | None = None) -> float:
+        """What is missed on the train (or other) windows: the square of the mean over windows of the root mean square, in units of the noise's.
+
+        1 where a model is right, and where none is, no few windows on which all go astray decide, as they would in a mean of squares.
+        """
+        windows = self.train if windows is None else windows
+        return float(np.mean(np.sqrt(cost[windows] / self.count[windows])) ** 2)
+
+    def trust(self, cost: Array) -> Array:
+        """Weights of the windows with which least squares lower the `level`, shape (windows, 1)."""
+        relative = np.maximum(cost / self.count, 1.0)
+        return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** 0.25)[:, None]
+
     def clear(self, values: Array) -> Array:
         """`values` (..., windows, rows * channels) without their part along the integrator's errors that are within their limits."""
         numeric = self.free
@@ -165,32 +183,41 @@ class Fitter:
         def built(z: Array) -> list[Effect]:
             return rebuild(effects, z * size)
 
-        def miss(z: Array) -> Array:
+        def missed(z: Array) -> Array:
             effects = built(z)
-            misses = self.settle(raw - self.search.change(effects), effects)[0][self.train].ravel()
-            # What the recordings do not tell stays where it started.
-            return np.concatenate((misses, 0.01 * (z - first / size)))
+            return self.settle(raw - self.search.change(effects), effects)[0]
 
         step = np.array([step for effect in effects for step in steps_of(effect)])
         bounds = (low / size - 1e-9, high / size + 1e-9)
-        solved = least_squares(miss, first / size, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=1e-4, ftol=1e-5)
-        final = built(solved.x)
+        z = first / size
+        # Far from the noise the windows' weights change with the fit.
+        for _ in range(2 if evaluations > 1 else 1):
+            cost = (missed(z) ** 2).sum(-1)
+            trust = self.trust(cost)
+
+            def miss(z: Array, trust: Array = trust) -> Array:
+                # What the recordings do not tell stays where it started.
+                return np.concatenate(((missed(z) * trust)[self.train].ravel(), 0.01 * (z - first / size)))
+
+            z = least_squares(miss, z, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=1e-4, ftol=1e-5).x
+            if np.ptp(trust) < 0.5:
+                break
+        final = built(z)
         at = self.search.change(final)
         sensitivity = []
         for index in range(len(first)):
-            moved = solved.x.copy()
+            moved = z.copy()
             moved[index] += step[index] if moved[index] + step[index] <= high[index] / size[index] else -step[index]
-            sensitivity.append((self.search.change(built(moved)) - at) / ((moved - solved.x)[index] * size[index]))
+            sensitivity.append((self.search.change(built(moved)) - at) / ((moved - z)[index] * size[index]))
         return Fitted(tuple(final), self.settle(raw - at, final)[0], np.array(sensitivity))
 
     def grow(self, effects: Sequence[Effect], candidate: Candidate, first: Effect) -> Fitted:
         """`effects` and `candidate` fitted, from its start `first` and, where it has a hidden state and stays far from the noise, from its other starts."""
         best = self.fit([*effects, first])
-        enough = 3 * self.residual[self.train].size
         for start in candidate.starts if first.remembers else ():
-            if start != first and best.cost[self.train].sum() > enough:
+            if start != first and self.level(best.cost) > 3:
                 other = self.fit([*effects, start], evaluations=5)
-                if other.cost[self.train].sum() < best.cost[self.train].sum():
+                if self.level(other.cost) < self.level(best.cost):
                     best = self.fit(other.effects)
         return best
 

@@ -61,7 +61,7 @@ class Found:
 
     Attributes:
         fitted: effects and what they miss.
-        train, held_out: mean squares of what is missed, in units of the noise.
+        train, held_out, overall: `Fitter.level` of what is missed on the train, the held-out and all windows.
         typical: median over all windows.
         parameters: how many directions of its parameters the recordings tell.
     """
@@ -69,6 +69,7 @@ class Found:
     fitted: Fitted
     train: float
     held_out: float
+    overall: float
     typical: float
     parameters: int
 
@@ -121,14 +122,13 @@ class Fits:
 
     def judged(self, fitter: Fitter, fitted: Fitted) -> Found:
         """How well `fitted` predicts."""
-        count, cost, held = self.measured(fitter), fitted.cost, self.held_out
+        cost, held = fitted.cost, self.held_out
         size = np.abs(values_of(fitted.effects))
         columns = fitted.sensitivity.reshape(fitted.size, fitted.misses.size) * np.where(size > 0, size, 1.0)[:, None]
         strength = np.linalg.svd(columns @ columns.T, compute_uv=False) if fitted.size else np.zeros(0)
         # A parameter that moves the prediction by less than a tenth of a standard deviation when it doubles is not told by the recordings.
         told = int((strength > 0.01).sum())
-        typical = float(np.median(cost / np.maximum(count, 1e-9)))
-        return Found(fitted, float(cost[~held].sum() / count[~held].sum()), float(cost[held].sum() / count[held].sum()), typical, told)
+        return Found(fitted, fitter.level(cost), fitter.level(cost, held), fitter.level(cost, slice(None)), float(np.median(cost / fitter.count)), told)
 
     def slight(self, fitter: Fitter, effects: Sequence[Effect]) -> bool:
         """Whether one of `effects` adds next to nothing to any joint's torque, or what a sensor reads, that the others or what it contains would not add."""
@@ -153,12 +153,6 @@ class Fits:
                 return True
         return False
 
-    def measured(self, fitter: Fitter) -> Array:
-        """Number of measurements in each window that starting states cannot explain, less where a window counts less."""
-        relative = (fitter.search.weight * np.where(np.isfinite(self.sigma), self.sigma, 0.0)) ** 2
-        count = (relative > 0).sum((1, 2))
-        return np.asarray(relative.sum((1, 2)) * (1 - 2 * len(self.rig.joints) / np.maximum(count, 1)))
-
     def in_simulator(self, fitter: Fitter, fitted: Fitted, iterations: int = 2, *, final: bool = False) -> Fitted:
         """`fitted` refined by prediction in PyBullet, with the linearised simulator's derivatives.
 
@@ -181,7 +175,7 @@ class Fits:
                 starts = np.where(worse[:, None], best[3], starts)
                 if not fitted.size:
                     misses = np.where(worse[:, None], best[2], misses)
-            cost = float((misses[train] ** 2).sum())
+            cost = fitter.level((misses**2).sum(-1))
             gained = np.inf if best is None else best[0] - cost
             if gained > 0:
                 best = (cost, effects, misses, starts)
@@ -189,9 +183,10 @@ class Fits:
                 break
             starts = starts + search.starts(error)
             if fitted.size:
-                jacobian = fitted.sensitivity[:, train].reshape(fitted.size, -1).T
+                trust = fitter.trust((misses**2).sum(-1))
+                jacobian = (fitted.sensitivity * trust)[:, train].reshape(fitted.size, -1).T
                 size = np.maximum(np.sqrt((jacobian**2).sum(0)), 1e-12)
-                step = np.linalg.lstsq(jacobian / size, misses[train].ravel(), rcond=1e-4)[0] / size
+                step = np.linalg.lstsq(jacobian / size, (misses * trust)[train].ravel(), rcond=1e-4)[0] / size
                 effects = rebuild(effects, np.clip(values_of(effects) + step, *limits_of(effects)))
         if best is None:
             # Parameters under which the simulation flies apart are no candidates.
@@ -199,18 +194,18 @@ class Fits:
         _, effects, misses, starts = best
         least = np.inf
         # The physics step is nothing to a model that misses much more than the noise, and once is enough for one that is at it.
-        count = float(self.measured(fitter)[train].sum())
-        for pass_ in range(2 if final and best[0] < 30 * count else 0):
-            if pass_ and least < CLEAN * count:
+        for pass_ in range(2 if final and best[0] < 30 else 0):
+            if pass_ and least < CLEAN:
                 break
             coarse, fine = (self._predicted(fitter, effects, starts, parts) for parts in (1, 2))
             if coarse is None or fine is None:
                 break
             raw, halved = search.project(search.measured - coarse), search.project(fine - coarse)
             settled, free = fitter.settle(raw, effects, halved, fitted.sensitivity)
-            if (settled[train] ** 2).sum() >= least:
+            level = fitter.level((settled**2).sum(-1))
+            if level >= least:
                 break
-            misses, fitter.free, least = settled, free, float((settled[train] ** 2).sum())
+            misses, fitter.free, least = settled, free, level
             # With another physics step other starting states are best: those for the step that the recordings ask for.
             share = float(np.clip((raw * halved)[train].sum() / max(float((halved[train] ** 2).sum()), 1e-12), -1.0, 3.0))
             starts = starts + search.starts(search.measured - coarse - share * (fine - coarse))
@@ -245,14 +240,16 @@ def held_out_windows(windows: Windows, linear: Linear) -> npt.NDArray[np.bool_]:
     return np.asarray(windows.start >= 0.67 * linear.motion.rows[0])
 
 
-def gain(simple: Found, rich: Found, held: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """By what share what is missed on held-out windows falls from one model to another, and the share's standard error.
+def gain(simple: Found, rich: Found, windows: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """Logarithm of by how much what is missed on `windows` falls from one model to another, and its standard error.
 
-    The mean over windows (the blocks: rows within one are not independent) of the logarithm of the sums of squares' ratio: the likelihood ratio per
-    measurement where each window has an unknown noise of its own, so that no single window on which both go astray decides.
+    By the mean over windows (the blocks: rows within one are not independent) of the roots of the sums of squares, so that no single window on which both go
+    astray decides; for small gains this is the share of the sum of squares.
     """
-    ratio = np.log((simple.fitted.cost[held] + 1e-9) / (rich.fitted.cost[held] + 1e-9))
-    return float(ratio.mean()), float(np.std(ratio, ddof=1) / np.sqrt(len(ratio))) if len(ratio) > 1 else 0.0
+    before, after = (np.sqrt(one.fitted.cost[windows] + 1e-9) for one in (simple, rich))
+    change = before / before.mean() - after / after.mean()
+    share = 2 * float(np.log(before.mean() / after.mean()))
+    return share, 2 * float(np.std(change, ddof=1) / np.sqrt(len(change))) if len(change) > 1 else 0.0
 
 
 class Explorer:
@@ -351,11 +348,11 @@ class Explorer:
             drafts: list[Found] = []
             for place, (model, own) in enumerate(beam):
                 # Where the best model's next step leads near the noise, those that are far off need not be followed.
-                if depth and (self.late or min((one.train for one in drafts), default=np.inf) < 0.02 * model.train):
+                if depth and (self.late or min((one.overall for one in drafts), default=np.inf) < 0.02 * model.overall):
                     break
                 drafts += self._extend(model, own, 12 if depth == 0 else 8 if place == 0 else 5)
-            drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.train)}.values())
-            drafts.sort(key=lambda one: one.train)
+            drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.overall)}.values())
+            drafts.sort(key=lambda one: one.overall)
             if not drafts:
                 break
             if depth == 0:
@@ -363,8 +360,8 @@ class Explorer:
             # The noise may just have been estimated anew, and the empty model with it.
             before = beam[0][0] if depth else self.empty
             # Where one model is near, one that is far off cannot catch up.
-            grown = self._each(_polish, (), [one.effects for one in drafts[:4] if one.train < (4 if depth else 10) * drafts[0].train])
-            grown = sorted((pair for pair in grown if not self.fits.slight(pair[1], pair[0].effects)), key=lambda pair: pair[0].train)
+            grown = self._each(_polish, (), [one.effects for one in drafts[:4] if one.overall < (4 if depth else 10) * drafts[0].overall])
+            grown = sorted((pair for pair in grown if not self.fits.slight(pair[1], pair[0].effects)), key=lambda pair: pair[0].overall)
             if not grown:
                 break
             grown[0] = self._converged(*grown[0])
@@ -484,7 +481,7 @@ class Explorer:
         ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
         rest = [[effect for effect in model.effects if effect.target != one.target or effect.name not in CONTAINED.get(one.name, ())] for one in ranked]
         fitted = self._each(_fit, (fitter,), [(effects, one, looked.best[one]) for effects, one in zip(rest, ranked, strict=True)])
-        fitted = sorted((one for one in fitted if not self.fits.slight(fitter, one.effects)), key=lambda one: float(one.cost.sum()))
+        fitted = sorted((one for one in fitted if not self.fits.slight(fitter, one.effects)), key=lambda one: fitter.level(one.cost, slice(None)))
         drafts = self._each(_simulate, (fitter,), fitted[: tried // 2])
         for draft in drafts:
             self._report(draft)
@@ -547,8 +544,7 @@ class Explorer:
 
     def _near(self, fitter: Fitter, effects: Sequence[Effect], chosen: Found) -> bool:
         """Whether `effects` could come near `chosen`, by a fit in the simulator linearised about the latter."""
-        train = ~self.fits.held_out
-        return float(fitter.fit(effects).cost[train].sum()) < 3 * max(chosen.train, 1.0) * float(self.fits.measured(fitter)[train].sum())
+        return fitter.level(fitter.fit(effects).cost) < 3 * max(chosen.train, 1.0)
 
     def _plainer(self, chosen: Found) -> Found:
         """`chosen` with an effect's simpler kin in its place, where that predicts as well."""

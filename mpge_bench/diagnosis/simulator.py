@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
+from mpge_bench.diagnosis.agreement import trusted
 from mpge_bench.diagnosis.motion import WARM_UP, differentiate
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.rig import Rig
@@ -137,6 +138,7 @@ def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[E
         UserError: if the simulation becomes unstable.
     """
     predictor = Predictor(rig, effects)
+    (recording,), _ = trusted([recording], rig)
     q, dq, _ = differentiate(recording)
     starts = predictor.start(recording, (q, dq))
     smooth = predictor.start(replace(recording, q=q, dq=dq), (q, dq))
