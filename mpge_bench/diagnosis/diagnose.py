@@ -203,7 +203,7 @@ class _Conclusion:
     def _verdict(self) -> str:
         if self.p_value >= SIGNIFICANCE:
             return "no_mismatch"
-        if not self.chosen.effects and self.chosen.typical < EXPLAINED:
+        if not self.chosen.effects and self.chosen.overall < EXPLAINED:
             # Significant perhaps, but no model predicts held-out recordings any better, and what is missed is about the noise.
             return "no_mismatch"
         if not self.named:

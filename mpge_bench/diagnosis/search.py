@@ -30,6 +30,12 @@ class Candidate:
     def label(self) -> str:
         return f"{self.name}:{self.target}"
 
+    @property
+    def is_bent(self) -> bool:
+        """Whether what it changes is not in proportion to its parameters, even where they are small."""
+        kind = type(self.starts[0])
+        return kind.remembers or kind.maps_command or np.isinf(next(iter(kind.parameters.values())).neutral)
+
 
 def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
     """Every effect of the catalogue on everything in `rig` that it could act on."""
@@ -211,12 +217,23 @@ class Fitter:
             sensitivity.append((self.search.change(built(moved)) - at) / ((moved - z)[index] * size[index]))
         return Fitted(tuple(final), self.settle(raw - at, final)[0], np.array(sensitivity))
 
-    def grow(self, effects: Sequence[Effect], candidate: Candidate, first: Effect) -> Fitted:
-        """`effects` and `candidate` fitted, from its start `first` and, where it has a hidden state and stays far from the noise, from its other starts."""
-        best = self.fit([*effects, first])
-        for start in candidate.starts if first.remembers else ():
-            if start != first and self.level(best.cost) > 3:
-                other = self.fit([*effects, start], evaluations=5)
+    def grow(self, effects: Sequence[Effect], candidate: Candidate) -> Fitted:
+        """`effects` and `candidate` fitted, from the start that does best; where that stays far from the noise, from the two next best ones, too."""
+        starts = candidate.starts
+        raw = self.search.residual()
+        if candidate.is_bent:
+            grown = [[*effects, start] for start in starts]
+            levels = [self.level((self.settle(raw - self.search.change(one), one)[0] ** 2).sum(-1)) for one in grown]
+            order = np.argsort(levels, kind="stable")
+        else:
+            # What it changes is in proportion to its size, so that each start is as good as at its best size.
+            columns = self.clear(self.columns(candidate, effects))[:, self.train].reshape(len(starts), -1)
+            left = self.settle(raw - self.search.change(effects), effects)[0][self.train].ravel()
+            order = np.argsort(-((columns @ left) ** 2) / np.maximum((columns**2).sum(1), 1e-12), kind="stable")[:1]
+        best = self.fit([*effects, starts[order[0]]])
+        for index in order[1:3]:
+            if self.level(best.cost) > 3:
+                other = self.fit([*effects, starts[index]], evaluations=5)
                 if self.level(other.cost) < self.level(best.cost):
                     best = self.fit(other.effects)
         return best
@@ -247,13 +264,11 @@ class Screening:
 
     Attributes:
         p_value: probability that the largest of all gains is as large by chance.
-        gains: how much the sum of squares falls, at most, to first order, by candidate.
-        best: the start of each candidate that gains most.
+        gains: by what share the sum of squares falls, at most, to first order, by candidate; windows that miss much more than others count less.
     """
 
     p_value: float
     gains: dict[Candidate, float]
-    best: dict[Candidate, Effect]
 
 
 def screen(
@@ -272,7 +287,7 @@ def screen(
     """
     rng = np.random.default_rng(0)
     flips = rng.choice([-1.0, 1.0], (draws, residual.shape[0]))
-    gains, best = {}, {}
+    gains = {}
     top, top_drawn = 0.0, np.zeros(draws)
     noise = max(float(np.mean(residual**2)), 1e-12)
     # Windows that miss much more than others must not drown them.
@@ -300,21 +315,10 @@ def screen(
         top = max(top, score)
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(basis)) / np.log(10))
         if isinstance(candidate, Candidate):
-            gains[candidate] = gain
-            best[candidate] = candidate.starts[_nearest(candidate, every, residual.ravel())]
+            gains[candidate] = gain / float((residual**2).sum())
     exceeding = int((top_drawn >= top).sum())
     p_value = (1 + exceeding) / (1 + draws)
     if exceeding == 0:
         # Beyond the drawn ones the maxima fall off as 10^-score.
         p_value = min(p_value, float(10 ** -(top - np.quantile(top_drawn, 0.5)) * 0.5))
-    return Screening(p_value, gains, best)
-
-
-def _nearest(candidate: Candidate, columns: Array, residual: Array) -> int:
-    """Which start explains most of the residual: as it is, or, where an effect's change is in proportion to its size, at the best size."""
-    kind = type(candidate.starts[0])
-    first = next(iter(kind.parameters.values()))
-    if kind.remembers or kind.maps_command or np.isinf(first.neutral):
-        return int(((residual - columns) ** 2).sum(1).argmin())
-    size = (columns**2).sum(1)
-    return int(np.where(size > 1e-12, (columns @ residual) ** 2 / np.maximum(size, 1e-12), 0.0).argmax())
+    return Screening(p_value, gains)
