@@ -265,6 +265,9 @@ class Backlash(Effect):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"width": width, "motor_inertia": share * scale.inertia} for width in (0.01, 0.04) for share in (0.03, 0.2)]
 
+    def is_plausible(self, scale: Scale) -> bool:
+        return self.width < scale.angle and self.motor_inertia > 1e-3 * scale.inertia
+
 
 @dataclass(frozen=True)
 class JointElasticity(Effect):
@@ -299,3 +302,6 @@ class JointElasticity(Effect):
                 reduced = inertia * scale.inertia / (inertia + scale.inertia)
                 found.append({"stiffness": reduced * rate**2, "damping": 0.1 * reduced * rate, "motor_inertia": inertia})
         return found
+
+    def is_plausible(self, scale: Scale) -> bool:
+        return self.stiffness * scale.angle > 0.1 * scale.torque and self.motor_inertia > 1e-3 * scale.inertia

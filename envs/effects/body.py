@@ -75,6 +75,9 @@ class ComOffset(Effect):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{axis: 0.05 * scale.length} for axis in "xyz"]
 
+    def is_plausible(self, scale: Scale) -> bool:
+        return max(abs(self.x), abs(self.y), abs(self.z)) < 3 * scale.length
+
 
 @dataclass(frozen=True)
 class Payload(Effect):
@@ -100,3 +103,6 @@ class Payload(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"mass": 0.1 * scale.mass, "distance": share * scale.length} for share in (0.5, 1.0, 1.8)]
+
+    def is_plausible(self, scale: Scale) -> bool:
+        return self.mass < 10 * scale.mass and abs(self.distance) < 5 * scale.length

@@ -165,6 +165,10 @@ class Effect:
         """Parameter values from which a search for this effect starts, where things are as large as `scale` says; none if it is not searched for."""
         return []
 
+    def is_plausible(self, scale: Scale) -> bool:
+        """Whether the parameters are of a size that means something where things are as large as `scale` says; a fit may end at others, which mean nothing."""
+        return True
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data (for YAML and JSON) that `effect_from_dict` turns back into an equal effect."""
         data = {name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()}

@@ -113,6 +113,10 @@ class StribeckFriction(Effect):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"coulomb": 0.1 * scale.torque, "static": 0.2 * scale.torque, "velocity": share * scale.speed} for share in (0.1, 0.3, 0.8)]
 
+    def is_plausible(self, scale: Scale) -> bool:
+        # One that rises with speed is viscous friction in disguise; one that falls within next to no speed, or over more than there is, is Coulomb's.
+        return self.coulomb <= self.static < 10 * scale.limit and 0.01 * scale.speed < self.velocity < scale.top_speed
+
 
 @dataclass(frozen=True)
 class LoadFriction(Effect):

@@ -77,7 +77,8 @@ class SensorDelay(Effect):
         q[..., joint] = a + x * (va + x * (3 * shift - 2 * va - vb + x * (va + vb - 2 * shift))) + early * va
         # A simulator that moves the position by the velocity at the end of its step is ahead by half a step's change of velocity: that is no curvature.
         moved, change = np.diff(position) - timestep * (velocity[..., 1:] + velocity[..., :-1]) / 2, timestep * np.diff(velocity)
-        shift = shift - (moved * change).sum() / max(float((change**2).sum()), 1e-300) * (vb - va)
+        share = (moved * change).sum(-1, keepdims=True) / np.maximum((change**2).sum(-1, keepdims=True), 1e-300)
+        shift = shift - share * (vb - va)
         dq[..., joint] = np.where(at < 0, velocity[..., :1], (va + x * (2 * (3 * shift - 2 * va - vb) + 3 * x * (va + vb - 2 * shift))) / timestep)
 
     @classmethod

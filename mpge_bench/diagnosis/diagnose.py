@@ -344,7 +344,7 @@ class _Conclusion:
         noise = np.array([1.4826 * float(np.median(np.abs(after[valid][:, column]))) for column in range(n)])
         excess = np.maximum(energy - noise**2 if self.chosen.effects else energy, 0.0)
         # A newton metre matters more at a joint that works with less of them.
-        excess = excess / np.array([self.explorer.scales[joint].torque for joint in rig.joints]) ** 2
+        excess = excess / np.array([self.fits.scales[joint].torque for joint in rig.joints]) ** 2
         share = excess / excess.sum() if excess.sum() > 0 else np.full(n, 1 / n)
         every = max(1, int(valid.sum() // 3000))
         found = []

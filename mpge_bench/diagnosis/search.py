@@ -42,11 +42,15 @@ def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
     found = []
     for name, kind in CATALOGUE.items():
         for target in candidate_targets(rig, name):
-            joint = target if target in scales else rig.joints[0] if target == "world" else rig.model.carriers(target)[-1]
-            starts = tuple(kind(target, **start) for start in kind.starts(scales[joint]))
+            starts = tuple(kind(target, **start) for start in kind.starts(scales[carrier(rig, target)]))
             if starts:
                 found.append(Candidate(name, target, starts))
     return found
+
+
+def carrier(rig: Rig, target: str) -> str:
+    """The joint whose scale an effect on `target` goes by: itself, or the one that carries the link."""
+    return target if target in rig.joints else rig.joints[0] if target in ("world", "*") else rig.model.carriers(target)[-1]
 
 
 def label(effects: Sequence[Effect]) -> str:

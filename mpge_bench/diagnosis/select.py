@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.motion import scales
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
 from mpge_bench.diagnosis.rig import Rig, parameters_of
-from mpge_bench.diagnosis.search import Candidate, Fitted, Fitter, Screening, candidates, label, limits_of, rebuild, screen, signal_of, values_of
+from mpge_bench.diagnosis.search import Candidate, Fitted, Fitter, Screening, candidates, carrier, label, limits_of, rebuild, screen, signal_of, values_of
 from mpge_bench.diagnosis.simulator import Predictor
 from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque, effect_from_dict
 from mpge_bench.envs.errors import UserError
@@ -50,7 +50,8 @@ SIMPLER = {
 #: Root mean square torque that an effect must add to or take from a joint, as a share of the torques that the joint works with (of a sensor's, of the
 #: motion that it reads). Where two simulators differ is often mended a little by tiny stiffness, play or lag; what is called an effect must be seen in
 #: the torques, too.
-SLIGHT = 0.005
+#: One that is less must lower what is missed by this factor.
+SLIGHT, DECISIVE = 0.005, 1.5
 #: What is missed, in units of the noise's sum of squares, below which nothing more is looked for.
 CLEAN = 1.1
 #: Models that are followed up in each round, and most effects of a model.
@@ -104,6 +105,7 @@ class Fits:
         self.sigma = linear.motion.sigma
         #: That the joints work with, N m, shape (joints,).
         self.torque = asked_torque(linear)
+        self.scales = scales(linear.motion, rig, np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1)), self.torque)
 
     def fitter(self, effects: Sequence[Effect] = ()) -> Fitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
@@ -119,7 +121,13 @@ class Fits:
         Args:
             evaluations: of the linearised simulator in fitting, before PyBullet's own predictions take over; 1 leaves the parameters to the latter.
         """
-        fitter = self.fitter(effects)
+        try:
+            fitter = self.fitter(effects)
+        except np.linalg.LinAlgError:
+            # Parameters under which the linearised simulator flies apart are no candidates.
+            fitter = self.fitter()
+            missed = np.full(fitter.residual.shape, 1e6)
+            return self.judged(fitter, Fitted(tuple(effects), missed, np.zeros((len(values_of(effects)), *missed.shape)))), fitter
         return self.judged(fitter, self.in_simulator(fitter, fitter.fit(effects, evaluations=evaluations), iterations=3, final=True)), fitter
 
     def judged(self, fitter: Fitter, fitted: Fitted) -> Found:
@@ -132,26 +140,39 @@ class Fits:
         told = int((strength > 0.01).sum())
         return Found(fitted, fitter.level(cost), fitter.level(cost, held), fitter.level(cost, slice(None)), float(np.median(cost / fitter.count)), told)
 
-    def slight(self, fitter: Fitter, effects: Sequence[Effect]) -> bool:
-        """Whether one of `effects` adds next to nothing to any joint's torque, or what a sensor reads, that the others or what it contains would not add."""
+    def idle(self, fitter: Fitter, effects: Sequence[Effect]) -> bool:
+        """Whether one of `effects` has parameters that mean nothing, or does next to nothing beside the others.
+
+        That is, what it changes of the joints' torques or the sensors' readings is small, and so is what is missed the more without it. Of an effect that
+        contains a plainer one only what goes beyond that counts.
+        """
         search = fitter.search
 
         def torques(effects: Sequence[Effect]) -> Array:
             return np.asarray(search.torques(effects) + search.bodies.torques(effects))
 
+        def missed(effects: Sequence[Effect]) -> float:
+            return fitter.level((fitter.settle(search.residual() - search.change(effects), effects)[0] ** 2).sum(-1))
+
         for effect in effects:
+            if not effect.is_plausible(self.scales[carrier(self.rig, effect.target)]):
+                return True
             others = [other for other in effects if other is not effect]
             if effect.on == "sensor":
                 misread = search.sensed(effects) - search.sensed(others)
-                if (np.sqrt(np.mean(misread**2, (0, 1))) < SLIGHT * np.std(search.state, (0, 1))).all():
-                    return True
-                continue
-            without = torques(others)
-            added = torques(effects) - without
-            for name in CONTAINED.get(effect.name, ()):
-                kin = torques([*others, effect_from_dict({"effect": name, "target": effect.target, next(iter(CATALOGUE[name].parameters)): 1.0})]) - without
-                added = added - kin * (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
-            if (np.sqrt(np.mean(added**2, (0, 1))) < SLIGHT * self.torque).all():
+                small = np.sqrt(np.mean(misread**2, (0, 1))) < SLIGHT * np.std(search.state, (0, 1))
+            else:
+                without = torques(others)
+                added = torques(effects) - without
+                for name in CONTAINED.get(effect.name, ()):
+                    parameter = next(iter(CATALOGUE[name].parameters))
+                    kin = torques([*others, effect_from_dict({"effect": name, "target": effect.target, parameter: 1.0})]) - without
+                    size = (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
+                    added = added - size * kin
+                    low = CATALOGUE[name].parameters[parameter].low
+                    others = [*others, effect_from_dict({"effect": name, "target": effect.target, parameter: max(float(size), low)})]
+                small = np.sqrt(np.mean(added**2, (0, 1))) < SLIGHT * self.torque
+            if small.all() and missed(others) < DECISIVE * missed(effects):
                 return True
         return False
 
@@ -287,9 +308,7 @@ class Explorer:
                 self._pool.submit(_lot, _fit, (), ())
         linear = prepare(recordings, rig)
         self.fits = Fits(rig, recordings, linear, windows_of(linear.motion, horizon))
-        inertia = np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1))
-        self.scales = scales(linear.motion, rig, inertia, self.fits.torque)
-        self.candidates = candidates(rig, self.scales)
+        self.candidates = candidates(rig, self.fits.scales)
         self.found: list[Found] = []
         self._fitter: Fitter | None = None
 
@@ -363,7 +382,7 @@ class Explorer:
             before = beam[0][0] if depth else self.empty
             # Where one model is near, one that is far off cannot catch up.
             grown = self._each(_polish, (), [one.effects for one in drafts[:4] if one.overall < (4 if depth else 10) * drafts[0].overall])
-            grown = sorted((pair for pair in grown if not self.fits.slight(pair[1], pair[0].effects)), key=lambda pair: pair[0].overall)
+            grown = sorted((pair for pair in grown if not self.fits.idle(pair[1], pair[0].effects)), key=lambda pair: pair[0].overall)
             if not grown:
                 break
             grown[0] = self._converged(*grown[0])
@@ -372,7 +391,8 @@ class Explorer:
             self.found += [model for model, _ in grown]
             grown.sort(key=lambda pair: pair[0].held_out)
             best = grown[0][0]
-            if not self.better(before, best):
+            # There is something, so that what no effect does alone two may do together.
+            if depth and not self.better(before, best):
                 break
             # A model far from the noise may still be half of the truth, but not where another has reached it.
             beam = [pair for pair in grown[:BEAM] if pair[0].held_out < (1.2 if best.held_out < 1.2 else 30.0) * best.held_out]
@@ -483,7 +503,7 @@ class Explorer:
         ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
         rest = [[effect for effect in model.effects if effect.target != one.target or effect.name not in CONTAINED.get(one.name, ())] for one in ranked]
         fitted = self._each(_fit, (fitter,), list(zip(rest, ranked, strict=True)))
-        fitted = sorted((one for one in fitted if not self.fits.slight(fitter, one.effects)), key=lambda one: fitter.level(one.cost, slice(None)))
+        fitted = sorted((one for one in fitted if not self.fits.idle(fitter, one.effects)), key=lambda one: fitter.level(one.cost, slice(None)))
         drafts = self._each(_simulate, (fitter,), fitted[: tried // 2])
         for draft in drafts:
             self._report(draft)
