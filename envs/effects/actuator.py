@@ -266,7 +266,7 @@ class Backlash(Effect):
         return [{"width": width, "motor_inertia": share * scale.inertia} for width in (0.01, 0.04) for share in (0.03, 0.2)]
 
     def is_plausible(self, scale: Scale) -> bool:
-        return self.width < scale.angle and self.motor_inertia > 1e-3 * scale.inertia
+        return 1e-4 * scale.angle < self.width < scale.angle and self.motor_inertia > 1e-3 * scale.inertia
 
 
 @dataclass(frozen=True)

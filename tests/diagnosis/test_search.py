@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.reference import asked_torque, prepare
 from mpge_bench.diagnosis.rig import Rig, parameters_of, read_rig
 from mpge_bench.diagnosis.search import Candidate, Fitter, candidates, screen
 from mpge_bench.diagnosis.words import SENTENCES, sentence
-from mpge_bench.envs.effects import CATALOGUE, Effect, TorqueBias, TorqueGain, ViscousFriction
+from mpge_bench.envs.effects import CATALOGUE, Backlash, Delay, Effect, TorqueBias, TorqueGain, TorqueLimit, ViscousFriction
 
 from .test_diagnose import write_case
 
@@ -52,11 +52,32 @@ def test_the_true_effect_gains_most_and_is_fitted(made: Callable[..., Made], tru
     assert looked.p_value <= 0.01
     ranked = sorted(looked.gains, key=lambda one: -looked.gains[one])
     assert truth.name in [one.name for one in ranked[:6]]
-    fitted = fitter.fit([next(looked.best[one] for one in ranked if one.name == truth.name)])
+    fitted = fitter.grow([], next(one for one in ranked if one.name == truth.name))
     assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.03)
     assert fitted.cost.sum() < fitter.fit([]).cost.sum() / 10
     step = np.zeros_like(fitted.misses)
     assert fitted.sensitivity.shape == (1, *step.shape)
+
+
+@pytest.mark.parametrize("truth", [TorqueLimit("hinge", 0.25), Delay("hinge", 0.03), Backlash("hinge", 0.03, 0.01)])
+def test_a_fit_begins_where_the_effect_acts_and_moves_far_enough(made: Callable[..., Made], truth: Effect) -> None:
+    # Most starts of a limit are above all commands, where nothing depends on it; a play's derivative over a hair's breadth says nothing.
+    _, fitter, found = made(truth)
+    fitted = fitter.grow([], next(one for one in found if one.name == truth.name))
+    assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.1)
+
+
+def test_few_windows_on_which_all_goes_astray_do_not_decide(made: Callable[..., Made]) -> None:
+    _, fitter, _ = made()
+    cost = fitter.count.copy()
+    assert fitter.level(cost) == pytest.approx(1.0)
+    assert fitter.trust(cost) == pytest.approx(1.0)
+    cost[np.flatnonzero(fitter.train)[0]] *= 1e4
+    windows = int(fitter.train.sum())
+    assert fitter.level(cost) == pytest.approx((1 + 99 / windows) ** 2)
+    trust = fitter.trust(cost)[fitter.train, 0]
+    assert trust[1:] == pytest.approx(trust[1])
+    assert trust[0] == pytest.approx(0.1 * trust[1])
 
 
 def test_what_half_the_physics_step_changes_is_forgiven(made: Callable[..., Made]) -> None:

@@ -37,6 +37,7 @@ from mpge_bench.envs.effects import (
     MassScale,
     Payload,
     PositionServo,
+    Scale,
     SensorBias,
     SensorDelay,
     SensorScale,
@@ -456,6 +457,23 @@ def test_sensor_delay_reads_the_past(wheel: Path, seconds: float) -> None:
         assert dq == pytest.approx([0.4 + 3.0 / INERTIA * pushed], abs=0.02)
 
 
+def test_a_late_velocity_is_that_of_the_integrators_own_past(wheel: Path) -> None:
+    # Rows of 10 steps, read 2.4 rows late: to the velocity itself, not to the slope of positions that a symplectic step moves half a step ahead.
+    rows, steps, late = 40, 10, 24
+    push = np.repeat(np.random.default_rng(0).normal(size=rows), steps)
+    world = World(wheel, timestep=STEP, substeps=1)
+    world.set_state([0.2], [0.4])
+    path = []
+    for torque in push:
+        world.step([float(torque)])
+        path.append((world.q[0], world.dq[0]))
+    q, dq = np.array(path)[steps - 1 :: steps].T[..., None]
+    SensorDelay("hinge", late * STEP).sense(q, dq, 0, steps * STEP)
+    truth = np.array([path[(row + 1) * steps - 1 - late] for row in range(5, rows)])
+    assert np.abs(q[5:, 0] - truth[:, 0]).max() < 1e-3 * np.ptp(truth[:, 0])
+    assert np.sqrt(np.mean((dq[5:, 0] - truth[:, 1]) ** 2)) < 2e-3 * np.ptp(truth[:, 1])
+
+
 def test_sensors_read_many_motions_as_one() -> None:
     for name in ("sensor_bias", "sensor_delay", "sensor_scale"):
         q, dq = np.random.default_rng(0).normal(size=(2, 4, 30, 3))
@@ -465,6 +483,24 @@ def test_sensors_read_many_motions_as_one() -> None:
             example(name).sense(own_q, own_dq, 1, 0.004)
             assert np.array_equal(q[row], own_q)
             assert np.array_equal(dq[row], own_dq)
+
+
+def test_parameters_that_mean_nothing_are_known() -> None:
+    scale = Scale(torque=1.0, limit=2.0, speed=1.0, top_speed=4.0, angle=0.5, inertia=0.1, mass=1.0, length=0.3, period=0.01, gravity=(0, 0, -9.81))
+    for kind in CATALOGUE.values():
+        for start in kind.starts(scale):
+            assert kind("x", **start).is_plausible(scale)
+    nothing = [
+        StribeckFriction("x", 0.3, 0.1, 0.5),
+        StribeckFriction("x", 0.1, 0.3, 1e-3),
+        StribeckFriction("x", 0.1, 0.3, 9.0),
+        Backlash("x", 1.0, 0.02),
+        Backlash("x", 0.02, 1e-6),
+        JointElasticity("x", 1e-3, 0.1, 0.02),
+        Payload("x", 50.0, 0.001),
+        ComOffset("x", 0.0, 9.0, 0.0),
+    ]
+    assert not any(effect.is_plausible(scale) for effect in nothing)
 
 
 def test_mass_scale_of_the_cart_changes_its_acceleration() -> None:
