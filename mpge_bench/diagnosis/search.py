@@ -275,20 +275,18 @@ class Screening:
     gains: dict[Candidate, float]
 
 
-def screen(
-    fitter: Fitter, chosen: Sequence[Candidate], residual: Array, extra: Sequence[Array] = (), *, present: Sequence[Effect] = (), draws: int = 999
-) -> Screening:
-    """Which candidates could explain `residual`, and whether anything at all is there to be explained.
+def screen(fitter: Fitter, chosen: Sequence[Candidate], model: Fitted, extra: Sequence[Array] = (), *, draws: int = 999) -> Screening:
+    """Which candidates could explain what `model` misses, and whether anything at all is there to be explained.
 
     Each candidate's gain is that of a linear regression of the residual on its columns. The test's statistic is the largest of all candidates' gains, each
     turned into a probability; its distribution under no effect comes from giving every window's residual a random sign (wild bootstrap), which keeps whatever
     the noise is like within a window.
 
     Args:
-        residual: shape (windows, rows * channels), of the train windows' model.
+        model: what other values of its parameters could explain is nobody else's gain.
         extra: columns of further, nameless candidates (curves), each of shape (columns, windows, rows * channels).
-        present: effects already in the model: their first-order changes are projected out.
     """
+    residual = model.misses
     rng = np.random.default_rng(0)
     flips = rng.choice([-1.0, 1.0], (draws, residual.shape[0]))
     gains = {}
@@ -298,11 +296,14 @@ def screen(
     weight = 1 / np.sqrt(np.mean(residual**2, axis=1, keepdims=True) + 1e-12)
     weight = np.minimum(weight / np.median(weight), 1.0)
     residual = residual * weight
+    taken = (np.concatenate((fitter.free, model.sensitivity)) * weight).reshape(-1, residual.size)
+    length = np.sqrt((taken**2).sum(1, keepdims=True))
+    taken = np.linalg.qr((taken / np.where(length > 0, length, 1.0)).T)[0]
     options: list[Candidate | Array] = [*chosen, *extra]
     for candidate in options:
-        columns = fitter.clear(fitter.columns(candidate, present) if isinstance(candidate, Candidate) else candidate)
-        columns = columns * weight
+        columns = (fitter.columns(candidate, model.effects) if isinstance(candidate, Candidate) else candidate) * weight
         every = columns.reshape(len(columns), -1)
+        every = every - (every @ taken) @ taken.T
         size = np.sqrt((every**2).sum(1))
         alive = size > 1e-6
         if not alive.any():

@@ -343,7 +343,7 @@ class Explorer:
         """Whether there is a mismatch at all: every candidate, and nameless curves, held against what the nominal simulator misses."""
         fitter = self.fitter_now
         self.empty = self._nominal()
-        self.screening = screen(fitter, self.candidates, self.empty.fitted.misses, [columns for _, columns in self._curves(fitter)])
+        self.screening = screen(fitter, self.candidates, self.empty.fitted, [columns for _, columns in self._curves(fitter)])
         self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
         return self.screening
 
@@ -396,7 +396,7 @@ class Explorer:
                 break
             # A model far from the noise may still be half of the truth, but not where another has reached it.
             beam = [pair for pair in grown[:BEAM] if pair[0].held_out < (1.2 if best.held_out < 1.2 else 30.0) * best.held_out]
-            rest = screen(beam[0][1], self.candidates, best.fitted.misses, present=best.effects, draws=499)
+            rest = screen(beam[0][1], self.candidates, best.fitted, draws=499)
             strongest = max(rest.gains.values(), default=0.0)
             self._say(f"left: p = {rest.p_value:.3g}, strongest {strongest:.3g}")
             if rest.p_value >= SIGNIFICANCE or strongest < MATERIAL:
@@ -497,7 +497,7 @@ class Explorer:
 
     def _extend(self, model: Found, fitter: Fitter, tried: int) -> list[Found]:
         """Models of one more effect than `model`, fitted roughly, those that promise most."""
-        looked = self.screening if not model.effects else screen(fitter, self.candidates, model.fitted.misses, present=model.effects, draws=49)
+        looked = self.screening if not model.effects else screen(fitter, self.candidates, model.fitted, draws=49)
         ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
         present = {(simpler, effect.target) for effect in model.effects for simpler in CONTAINED.get(effect.name, ())}
         ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
