@@ -171,7 +171,8 @@ class TorqueLimit(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"torque": share * scale.limit} for share in (0.9, 0.7, 0.45, 0.25)]
+        # Few commands may come near the largest one.
+        return [{"torque": torque} for torque in (0.9 * scale.limit, 0.6 * scale.limit, 0.35 * scale.limit, 1.2 * scale.torque, 0.6 * scale.torque)]
 
 
 @dataclass(frozen=True)
@@ -194,10 +195,15 @@ class BackEmfLimit(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        most, usual = scale.limit, scale.torque
         return [
-            {"stall": torque * scale.limit, "no_load_speed": speed * scale.top_speed}
-            for torque, speed in ((1.2, 1.2), (0.8, 1.5), (0.5, 1.5), (0.5, 0.8), (1.0, 3.0))
+            {"stall": torque, "no_load_speed": speed * scale.top_speed}
+            for torque, speed in ((1.2 * most, 1.2), (0.8 * most, 1.5), (0.5 * most, 1.5), (0.5 * most, 0.8), (most, 3.0), (1.5 * usual, 1.5))
         ]
+
+    def is_plausible(self, scale: Scale) -> bool:
+        # One that does not depend on the speed is a plain limit.
+        return self.no_load_speed < 20 * scale.top_speed
 
 
 def _pick(condition: Any, this: Any, other: Any) -> Any:

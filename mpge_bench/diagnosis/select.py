@@ -55,7 +55,7 @@ SLIGHT, DECISIVE = 0.005, 1.5
 #: What is missed, in units of the noise's sum of squares, below which nothing more is looked for.
 CLEAN = 1.1
 #: Models that are followed up in each round, and most effects of a model.
-BEAM, MOST = 3, 4
+BEAM, MOST = 3, 6
 
 
 @dataclass(frozen=True)

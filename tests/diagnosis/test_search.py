@@ -67,6 +67,16 @@ def test_a_fit_begins_where_the_effect_acts_and_moves_far_enough(made: Callable[
     assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.1)
 
 
+def test_what_acts_on_few_windows_is_among_the_first(made: Callable[..., Made]) -> None:
+    # Reached in one window or two, beside all the others' noise.
+    _, fitter, found = made()
+    delivered = np.sort(np.abs(fitter.search.delivered).max((1, 2)))
+    _, fitter, found = made(TorqueLimit("hinge", float(delivered[-3])))
+    looked = screen(fitter, found, fitter.fit([]), draws=19)
+    ranked = sorted(looked.gains, key=lambda one: -looked.gains[one])
+    assert "torque_limit" in [one.name for one in ranked[:4]]
+
+
 def test_few_windows_on_which_all_goes_astray_do_not_decide(made: Callable[..., Made]) -> None:
     _, fitter, _ = made()
     cost = fitter.count.copy()

@@ -494,6 +494,7 @@ def test_parameters_that_mean_nothing_are_known() -> None:
         StribeckFriction("x", 0.3, 0.1, 0.5),
         StribeckFriction("x", 0.1, 0.3, 1e-3),
         StribeckFriction("x", 0.1, 0.3, 9.0),
+        BackEmfLimit("x", 1.0, 1e4),
         Backlash("x", 1.0, 0.02),
         Backlash("x", 0.02, 1e-6),
         JointElasticity("x", 1e-3, 0.1, 0.02),
