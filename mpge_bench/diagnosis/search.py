@@ -188,7 +188,7 @@ class Fitter:
         if not len(first):
             return Fitted(tuple(effects), self.settle(raw - self.search.change(effects), effects)[0], np.zeros((0, *raw.shape)))
         low, high = limits_of(effects)
-        size = self._sizes(effects)
+        size = sizes_of(effects)
 
         def built(z: Array) -> list[Effect]:
             return rebuild(effects, z * size)
@@ -242,14 +242,15 @@ class Fitter:
                     best = self.fit(other.effects)
         return best
 
-    def _sizes(self, effects: Sequence[Effect]) -> Array:
-        """Typical size of each parameter, for a well-scaled fit."""
-        found: list[float] = []
-        for effect in effects:
-            values = np.abs(parameters_of(effect))
-            largest = values.max() if len(values) else 1.0
-            found.extend(np.where(values > 0, values, largest if largest > 0 else 1.0))
-        return np.array(found)
+
+def sizes_of(effects: Sequence[Effect]) -> Array:
+    """Typical size of each parameter, for a well-scaled fit."""
+    found: list[float] = []
+    for effect in effects:
+        values = np.abs(parameters_of(effect))
+        largest = values.max() if len(values) else 1.0
+        found.extend(np.where(values > 0, values, largest if largest > 0 else 1.0))
+    return np.array(found)
 
 
 def rebuild(effects: Sequence[Effect], values: Array) -> list[Effect]:

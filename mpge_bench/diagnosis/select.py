@@ -18,7 +18,21 @@ from mpge_bench.diagnosis.motion import scales
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
 from mpge_bench.diagnosis.rig import Rig, parameters_of
-from mpge_bench.diagnosis.search import Candidate, Fitted, Fitter, Screening, candidates, carrier, label, limits_of, rebuild, screen, signal_of, values_of
+from mpge_bench.diagnosis.search import (
+    Candidate,
+    Fitted,
+    Fitter,
+    Screening,
+    candidates,
+    carrier,
+    label,
+    limits_of,
+    rebuild,
+    screen,
+    signal_of,
+    sizes_of,
+    values_of,
+)
 from mpge_bench.diagnosis.simulator import Predictor
 from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque, effect_from_dict
 from mpge_bench.envs.errors import UserError
@@ -207,9 +221,10 @@ class Fits:
             starts = starts + search.starts(error)
             if fitted.size:
                 trust = fitter.trust((misses**2).sum(-1))
-                jacobian = (fitted.sensitivity * trust)[:, train].reshape(fitted.size, -1).T
-                size = np.maximum(np.sqrt((jacobian**2).sum(0)), 1e-12)
-                step = np.linalg.lstsq(jacobian / size, (misses * trust)[train].ravel(), rcond=1e-4)[0] / size
+                # By shares of the parameters' sizes: what the recordings do not tell stays where it is.
+                size = sizes_of(effects)
+                jacobian = (fitted.sensitivity * trust)[:, train].reshape(fitted.size, -1).T * size
+                step = np.linalg.lstsq(jacobian, (misses * trust)[train].ravel(), rcond=1e-4)[0] * size
                 effects = rebuild(effects, np.clip(values_of(effects) + step, *limits_of(effects)))
         if best is None:
             # Parameters under which the simulation flies apart are no candidates.
