@@ -495,7 +495,9 @@ class Explorer:
     def _converged(self, model: Found, fitter: Fitter) -> tuple[Found, Fitter]:
         """`model` fitted anew about its own fit until that no longer helps."""
         evaluations = 6
-        for _ in range(4):
+        # One far from the noise is but a step on the way, unless it hides how near it could come.
+        on_the_way = model.train > 30 and not any(effect.remembers for effect in model.effects)
+        for _ in range(0 if on_the_way else 4):
             if self.late:
                 break
             if model.train < CLEAN:
@@ -589,15 +591,20 @@ class Explorer:
 
     def _plainer(self, chosen: Found) -> Found:
         """`chosen` with an effect's simpler kin in its place, where that predicts as well."""
-        starts = {(one.name, one.target): one.starts for one in self.candidates}
+        starts = {(one.name, one.target): one.starts[0] for one in self.candidates}
+        fitter: Fitter | None = None
         for effect in chosen.effects:
+            others = [other for other in chosen.effects if other is not effect]
             for name in SIMPLER.get(effect.name, ()):
-                others = [other for other in chosen.effects if other is not effect]
                 if (name, effect.target) not in starts or any((other.name, other.target) == (name, effect.target) for other in others):
                     continue
-                plain = {one.key: one for one in self.found}.get(_key([*others, starts[name, effect.target][0]]))
+                plainer = [*others, starts[name, effect.target]]
+                plain = {one.key: one for one in self.found}.get(_key(plainer))
                 if plain is None:
-                    plain = self._converged(*self.fits.polished([*others, starts[name, effect.target][0]]))[0]
+                    fitter = fitter or self.fits.fitter(chosen.effects)
+                    if not self._near(fitter, plainer, chosen):
+                        continue
+                    plain = self._converged(*self.fits.polished(plainer))[0]
                     self.found.append(plain)
                     self._report(plain)
                 if not self.better(plain, chosen):
