@@ -311,14 +311,8 @@ class _Conclusion:
         return confusions, round(sure, 3)
 
     def _intervals(self) -> dict[int, dict[str, list[tuple[float, float]]]]:
-        """95% intervals of all parameters; windows are the independent pieces of evidence."""
-        fitted, train = self.chosen.fitted, ~self.fits.held_out
-        spread = np.zeros(fitted.size)
-        if fitted.size:
-            scores = np.einsum("pwk,wk->pw", fitted.sensitivity[:, train], fitted.misses[train])
-            flat = fitted.sensitivity[:, train].reshape(fitted.size, -1)
-            inverse = np.linalg.pinv(flat @ flat.T, rcond=1e-10)
-            spread = np.sqrt(np.maximum(np.diagonal(inverse @ (scores @ scores.T) @ inverse), 0.0))
+        """95% intervals of all parameters."""
+        spread = self.chosen.spread
         result: dict[int, dict[str, list[tuple[float, float]]]] = {}
         at = 0
         for effect in self.named:

@@ -237,6 +237,11 @@ def bounds_of(effect: Effect) -> tuple[list[float], list[float]]:
     return [p.low for p, size in sizes for _ in range(size)], [p.high for p, size in sizes for _ in range(size)]
 
 
+def neutrals_of(effect: Effect) -> list[float]:
+    """The values of `parameters_of(effect)` at which it vanishes."""
+    return [parameter.neutral for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
+
+
 def steps_of(effect: Effect) -> list[float]:
     """Shares of their size by which `parameters_of(effect)` are moved to see what depends on them."""
     return [parameter.step for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]

@@ -167,6 +167,17 @@ class Fitter:
         relative = np.maximum(cost / self.count, 1.0)
         return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** 0.25)[:, None]
 
+    def spread(self, fitted: Fitted) -> Array:
+        """Standard errors of the parameters, shape (parameters,); windows are the independent pieces of evidence (sandwich estimator)."""
+        if not fitted.size:
+            return np.zeros(0)
+        trust = self.trust(fitted.cost)
+        sensitivity, misses = (fitted.sensitivity * trust)[:, self.train], (fitted.misses * trust)[self.train]
+        scores = np.einsum("pwk,wk->pw", sensitivity, misses)
+        flat = sensitivity.reshape(fitted.size, -1)
+        inverse = np.linalg.pinv(flat @ flat.T, rcond=1e-10)
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(inverse @ (scores @ scores.T) @ inverse), 0.0)))
+
     def clear(self, values: Array) -> Array:
         """`values` (..., windows, rows * channels) without their part along the integrator's errors that are within their limits."""
         numeric = self.free

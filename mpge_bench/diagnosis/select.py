@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.linear import Linear, Search, Windows, windows_of
-from mpge_bench.diagnosis.motion import scales
+from mpge_bench.diagnosis.motion import scales, without_feedback
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
-from mpge_bench.diagnosis.rig import Rig, parameters_of
+from mpge_bench.diagnosis.rig import Rig, neutrals_of, parameters_of
 from mpge_bench.diagnosis.search import (
     Candidate,
     Fitted,
@@ -45,8 +45,9 @@ SIGNIFICANCE = 0.01
 MATERIAL = 0.01
 #: Share by which a window's sum of squares differs where two models predict it differently.
 TOUCHED = 0.02
-#: Points of a nameless curve, and the least share by which it must beat the named physics.
-KNOTS, CURVE_MATERIAL = 41, 0.1
+#: Points of a nameless curve; the least share by which it must beat the named physics, and any effect the simpler model where both miss much more than
+#: the noise.
+KNOTS, COARSE_MATERIAL = 41, 0.1
 #: Effects that a larger one contains, as Stribeck's friction contains Coulomb's: never beside it.
 CONTAINED = {
     "stribeck_friction": ("coulomb_friction",),
@@ -81,6 +82,7 @@ class Found:
         train, held_out, overall: `Fitter.level` of what is missed on the train, the held-out and all windows.
         typical: median over all windows.
         parameters: how many directions of its parameters the recordings tell.
+        spread: standard errors of the parameters, shape (parameters,).
     """
 
     fitted: Fitted
@@ -89,6 +91,18 @@ class Found:
     overall: float
     typical: float
     parameters: int
+    spread: Array
+
+    @property
+    def unsure(self) -> int:
+        """How many effects might as well not be there, by the 95% intervals of their parameters."""
+        found, at = 0, 0
+        for effect in self.effects:
+            values, neutral = np.array(parameters_of(effect)), np.array(neutrals_of(effect))
+            error = self.spread[at : at + len(values)]
+            found += len(values) > 0 and bool((np.abs(values - neutral) < 1.96 * error).all())
+            at += len(values)
+        return found
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -121,12 +135,12 @@ class Fits:
         self.torque = asked_torque(linear)
         self.scales = scales(linear.motion, rig, np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1)), self.torque)
 
-    def fitter(self, effects: Sequence[Effect] = ()) -> Fitter:
-        """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
+    def fitter(self, effects: Sequence[Effect] = (), commands: Array | None = None) -> Fitter:
+        """A fitter about the simulator with `effects`; along its own prediction where that is near the truth; `commands` as for `Search`."""
         linear = rebase(self.linear, effects, self.sigma) if effects else self.linear
-        search = Search(linear, self.windows, self.sigma)
+        search = Search(linear, self.windows, self.sigma, commands=commands)
         if float(np.mean(search.residual() ** 2)) < 3:
-            search = Search(linear, self.windows, self.sigma, consistent=True)
+            search = Search(linear, self.windows, self.sigma, consistent=True, commands=commands)
         return Fitter(search, ~self.held_out)
 
     def polished(self, effects: Sequence[Effect], *, evaluations: int = 6) -> tuple[Found, Fitter]:
@@ -152,7 +166,8 @@ class Fits:
         strength = np.linalg.svd(columns @ columns.T, compute_uv=False) if fitted.size else np.zeros(0)
         # A parameter that moves the prediction by less than a tenth of a standard deviation when it doubles is not told by the recordings.
         told = int((strength > 0.01).sum())
-        return Found(fitted, fitter.level(cost), fitter.level(cost, held), fitter.level(cost, slice(None)), float(np.median(cost / fitter.count)), told)
+        typical = float(np.median(cost / fitter.count))
+        return Found(fitted, fitter.level(cost), fitter.level(cost, held), fitter.level(cost, slice(None)), typical, told, fitter.spread(fitted))
 
     def idle(self, fitter: Fitter, effects: Sequence[Effect]) -> bool:
         """Whether one of `effects` has parameters that mean nothing, or does next to nothing beside the others.
@@ -356,8 +371,9 @@ class Explorer:
 
     def tested(self) -> Screening:
         """Whether there is a mismatch at all: every candidate, and nameless curves, held against what the nominal simulator misses."""
-        fitter = self.fitter_now
         self.empty = self._nominal()
+        # A controller's answer to the sensors' noise makes what commands explain look related to that noise.
+        fitter = self.fits.fitter(commands=without_feedback(self.fits.linear.motion))
         self.screening = screen(fitter, self.candidates, self.empty.fitted, [columns for _, columns in self._curves(fitter)])
         self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
         return self.screening
@@ -437,10 +453,10 @@ class Explorer:
             curves = [(self._curve_gain(chosen, columns), curve) for curve, columns in self._curves(fitter) if (curve.target, curve.signal) not in present]
             (share, torques), curve = max(curves, key=lambda pair: pair[0][0])
             self._say(f"curve over {curve.signal} of {curve.target}: {share:.3g}")
-            if share < CURVE_MATERIAL:
+            if share < COARSE_MATERIAL:
                 break
             rich = self._with_curve(chosen.effects, replace(curve, torque=tuple(torques)))
-            if gain(chosen, rich, self.fits.held_out)[0] < CURVE_MATERIAL or not self.better(chosen, rich):
+            if gain(chosen, rich, self.fits.held_out)[0] < COARSE_MATERIAL or not self.better(chosen, rich):
                 break
             named, chosen = chosen, rich
             # A curve could swallow named physics of the same signal; where that explained most by itself it keeps its name.
@@ -451,7 +467,7 @@ class Explorer:
                     continue
                 rest = [other for other in chosen.effects if (other.name, other.target) != (effect.name, effect.target)]
                 less = self._with_curve(rest[:-1], rest[-1])
-                if gain(less, chosen, self.fits.held_out)[0] < CURVE_MATERIAL:
+                if gain(less, chosen, self.fits.held_out)[0] < COARSE_MATERIAL:
                     chosen = less
         return chosen
 
@@ -561,14 +577,15 @@ class Explorer:
         apart = np.abs(rich.fitted.cost - simple.fitted.cost) > TOUCHED * np.minimum(rich.fitted.cost, simple.fitted.cost)
         share, error = gain(simple, rich, apart if apart.sum() > 3 else every)
         told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
-        return share > 2 * error and min(gain(simple, rich, every)[0], told) > MATERIAL
+        # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere.
+        least = MATERIAL if rich.overall < 2 else COARSE_MATERIAL
+        return share > 2 * error and min(gain(simple, rich, every)[0], told) > least
 
     def _simplest(self) -> Found:
-        """The model of fewest parameters that no other beats on held-out windows."""
+        """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is."""
         best = min(self.found, key=lambda one: one.held_out)
         equal = [one for one in self.found if not self.better(one, best)]
-        fewest = min((len(one.effects), one.parameters) for one in equal)
-        chosen = min((one for one in equal if (len(one.effects), one.parameters) == fewest), key=lambda one: one.held_out)
+        chosen = min(equal, key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
         # What was picked up on the way may be needless now.
         while len(chosen.effects) > 1:
             known = {one.key: one for one in self.found}
