@@ -45,6 +45,8 @@ SIGNIFICANCE = 0.01
 MATERIAL = 0.01
 #: Share by which a window's sum of squares differs where two models predict it differently.
 TOUCHED = 0.02
+#: Cosine between what two effects change of the prediction, from which on one may be taken for the other.
+ALIKE = 0.995
 #: Points of a nameless curve; the least share by which it must beat the named physics, and any effect the simpler model where both miss much more than
 #: the noise.
 KNOTS, COARSE_MATERIAL = 41, 0.1
@@ -432,7 +434,33 @@ class Explorer:
             self._say(f"left: p = {rest.p_value:.3g}, strongest {strongest:.3g}")
             if rest.p_value >= SIGNIFICANCE or strongest < MATERIAL:
                 break
-        return self._with_curves(self._simplest()), self.screening
+        chosen = self._with_curves(self._simplest())
+        self._look_for_twins(chosen)
+        return chosen, self.screening
+
+    def _look_for_twins(self, chosen: Found) -> None:
+        """Fit the effects that would change the prediction just as one of `chosen` does, in its place: they may be what it is taken for."""
+        if self.late or any(isinstance(effect, UnknownTorque) for effect in chosen.effects):
+            return
+        fitter = self.fits.fitter(chosen.effects)
+        alike: list[tuple[float, list[Effect]]] = []
+        for effect in chosen.effects:
+            others = [other for other in chosen.effects if other is not effect]
+            without = fitter.search.change(others)
+            own = fitter.clear(fitter.search.change(chosen.effects) - without).ravel()
+            for candidate in self.candidates:
+                for start in candidate.starts:
+                    grown = [*others, start]
+                    if _key(grown) in {one.key for one in self.found} or candidate.label in chosen.key:
+                        continue
+                    column = fitter.clear(fitter.search.change(grown) - without).ravel()
+                    size = np.linalg.norm(own) * np.linalg.norm(column)
+                    alike.append((float(abs(own @ column) / size) if size > 0 else 0.0, grown))
+        alike.sort(key=lambda pair: -pair[0])
+        best = {_key(grown): grown for likeness, grown in reversed(alike) if likeness > ALIKE}
+        for model, _ in self._each(_polish, (), list(best.values())[-2:]):
+            self._report(model)
+            self.found.append(model)
 
     def _curves(self, fitter: Fitter) -> Iterator[tuple[UnknownTorque, Array]]:
         """Nameless torques over each joint's q, dq and command: the curve's knots, all torques 0, and its columns."""

@@ -220,7 +220,7 @@ def test_motors_are_driven_as_the_world_drives_them(rig: Rig, effects: Sequence[
 def test_commands_are_freed_of_a_controllers_answer_to_noise(rig: Rig) -> None:
     recorded = record(rig, seconds=6.0)
     rng = np.random.default_rng(0)
-    noise = 0.001 * rng.normal(size=recorded.q.shape)
+    noise = 0.02 * rng.normal(size=recorded.q.shape)
     answer = noise @ np.array([[3.0, 0.0], [1.0, -2.0]])
     seen = Recording(recorded.path, recorded.time, recorded.u + answer, recorded.q + noise, recorded.dq)
     motion = motion_of([seen], rig)
