@@ -30,7 +30,7 @@ Array = npt.NDArray[np.float64]
 #: about this, s.
 LEAD = 0.01
 #: Windows count less in which half the physics step changes the prediction by more than about this many standard deviations of the noise.
-COARSE = 2.0
+COARSE = 1.0
 
 
 def drive(
@@ -326,10 +326,9 @@ class Search:
         sigma: noise of each channel, shape (2 j,); infinite where a channel is not to be used.
         consistent: work out the effects' laws along the base's own prediction from the best starting states, not along the smoothed recording. Where
             the base is about right that is the better motion, and one whose noise is independent of the residual's.
-        commands: in place of the recorded ones for what effects change, shape as ``linear.motion.u``.
     """
 
-    def __init__(self, linear: Linear, windows: Windows, sigma: Array, *, consistent: bool = False, commands: Array | None = None) -> None:
+    def __init__(self, linear: Linear, windows: Windows, sigma: Array, *, consistent: bool = False) -> None:
         self.linear, self.windows, self.sigma = linear, windows, sigma
         motion, n = linear.motion, linear.motion.joints
         length, count = windows.length, len(windows.start)
@@ -370,7 +369,7 @@ class Search:
         q, dq = (values[at, clipped] for values in motion.fine())
         q[:, warm:], dq[:, warm:] = between(self.state[:, :-1], self.state[:, 1:], intervals, steps)
         rest = (earlier < 0)[..., None, None]
-        self._u = (motion.u if commands is None else commands)[at, clipped]
+        self._u = motion.u[at, clipped]
         self._q = np.where(rest, q[:, :, :1], q)
         self._dq = np.where(rest, 0.0, dq)
         self._warm = warm

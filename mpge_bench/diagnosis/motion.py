@@ -147,22 +147,6 @@ def differentiate(recording: Recording) -> tuple[Array, Array, Array]:
     return q, dq, ddq
 
 
-def without_feedback(motion: Motion) -> Array:
-    """The commands, shape as ``motion.u``, less what they owe to the sensors' noise of their row and the one before: a controller's linear answer to it."""
-    result = motion.u.copy()
-    noise = np.nan_to_num(motion.measured - motion.state)
-    noise = np.concatenate((noise, np.concatenate((np.zeros_like(noise[:, :1]), noise[:, :-1]), 1)), -1)
-    for r, rows in enumerate(motion.rows):
-        # Second differences: noise is rough, what is commanded for its own sake is smooth, or steps now and then.
-        rough, jumps = (np.diff(values[r, :rows], 2, axis=0) for values in (noise, motion.u[:, :, 0]))
-        for joint, jump in enumerate(jumps.T):
-            usual = np.isfinite(jump) & (np.abs(jump) <= np.nanquantile(np.abs(jump), 0.98))
-            answer = np.linalg.lstsq(rough[usual], jump[usual], rcond=1e-8)[0]
-            if np.var(jump[usual] - rough[usual] @ answer) < 0.9 * np.var(jump[usual]):
-                result[r, :, :, joint] -= (noise[r] @ answer)[:, None]
-    return result
-
-
 def scales(motion: Motion, rig: Rig, inertia: Array, torque: Array) -> dict[str, Scale]:
     """How large things are at each joint.
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.linear import Linear, Search, Windows, windows_of
-from mpge_bench.diagnosis.motion import scales, without_feedback
+from mpge_bench.diagnosis.motion import scales
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
 from mpge_bench.diagnosis.rig import Rig, neutrals_of, parameters_of
@@ -137,12 +137,12 @@ class Fits:
         self.torque = asked_torque(linear)
         self.scales = scales(linear.motion, rig, np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1)), self.torque)
 
-    def fitter(self, effects: Sequence[Effect] = (), commands: Array | None = None) -> Fitter:
-        """A fitter about the simulator with `effects`; along its own prediction where that is near the truth; `commands` as for `Search`."""
+    def fitter(self, effects: Sequence[Effect] = ()) -> Fitter:
+        """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
         linear = rebase(self.linear, effects, self.sigma) if effects else self.linear
-        search = Search(linear, self.windows, self.sigma, commands=commands)
+        search = Search(linear, self.windows, self.sigma)
         if float(np.mean(search.residual() ** 2)) < 3:
-            search = Search(linear, self.windows, self.sigma, consistent=True, commands=commands)
+            search = Search(linear, self.windows, self.sigma, consistent=True)
         return Fitter(search, ~self.held_out)
 
     def polished(self, effects: Sequence[Effect], *, evaluations: int = 6) -> tuple[Found, Fitter]:
@@ -373,9 +373,8 @@ class Explorer:
 
     def tested(self) -> Screening:
         """Whether there is a mismatch at all: every candidate, and nameless curves, held against what the nominal simulator misses."""
+        fitter = self.fitter_now
         self.empty = self._nominal()
-        # A controller's answer to the sensors' noise makes what commands explain look related to that noise.
-        fitter = self.fits.fitter(commands=without_feedback(self.fits.linear.motion))
         self.screening = screen(fitter, self.candidates, self.empty.fitted, [columns for _, columns in self._curves(fitter)])
         self._say(f"p = {self.screening.p_value:.3g}; nothing: {self.empty.train:.4g} {self.empty.held_out:.4g}")
         return self.screening

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from mpge_bench.diagnosis.linear import Linear, Search, drive, windows_of
-from mpge_bench.diagnosis.motion import Motion, motion_of, without_feedback
+from mpge_bench.diagnosis.motion import Motion, motion_of
 from mpge_bench.diagnosis.recording import Recording
 from mpge_bench.diagnosis.rig import Rig
 from mpge_bench.diagnosis.simulator import Predictor
@@ -215,18 +215,3 @@ def test_motors_are_driven_as_the_world_drives_them(rig: Rig, effects: Sequence[
     pairs = [(effect, rig.joints.index(effect.target)) for effect in chain]
     alone = [drive(pairs, *(values[:, one] for values in both), 0.001, np.full(2, 1e-9)) for one in range(2)]
     assert drive(pairs, *both, 0.001, np.full(2, 1e-9)) == pytest.approx(np.stack(alone, 1), abs=1e-12)
-
-
-def test_commands_are_freed_of_a_controllers_answer_to_noise(rig: Rig) -> None:
-    recorded = record(rig, seconds=6.0)
-    rng = np.random.default_rng(0)
-    noise = 0.02 * rng.normal(size=recorded.q.shape)
-    answer = noise @ np.array([[3.0, 0.0], [1.0, -2.0]])
-    seen = Recording(recorded.path, recorded.time, recorded.u + answer, recorded.q + noise, recorded.dq)
-    motion = motion_of([seen], rig)
-    # The smoothed motion is the true one here; the commands then come back as they would have been.
-    motion = replace(motion, state=motion_of([recorded], rig).measured)
-    assert np.abs(without_feedback(motion)[0, 2:-1, 0] - recorded.u[2:-1]).max() < 0.1 * np.abs(answer).max()
-    # Where nothing is fed back nothing is taken.
-    plain = replace(motion_of([Recording(recorded.path, recorded.time, recorded.u, seen.q, recorded.dq)], rig), state=motion.state)
-    assert np.array_equal(without_feedback(plain), plain.u)
