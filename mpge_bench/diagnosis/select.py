@@ -604,9 +604,9 @@ class Explorer:
         apart = np.abs(rich.fitted.cost - simple.fitted.cost) > TOUCHED * np.minimum(rich.fitted.cost, simple.fitted.cost)
         share, error = gain(simple, rich, apart if apart.sum() > 3 else every)
         told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
-        # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere.
-        least = MATERIAL if rich.overall < 2 else COARSE_MATERIAL
-        return share > 2 * error and min(gain(simple, rich, every)[0], told) > least
+        # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere, and windows differ too much for two standard errors.
+        least, errors = (MATERIAL, 2) if rich.overall < 2 else (COARSE_MATERIAL, 1)
+        return share > errors * error and min(gain(simple, rich, every)[0], told) > least
 
     def _simplest(self) -> Found:
         """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is."""

@@ -15,7 +15,7 @@ import yaml
 from mpge_bench.diagnosis.diagnose import diagnose, diagnose_files
 from mpge_bench.diagnosis.recording import read_recordings
 from mpge_bench.diagnosis.rig import read_rig
-from mpge_bench.envs.effects import CoulombFriction, Delay, Effect, TorqueGain, UnknownTorque
+from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, TorqueGain, TorqueLimit, UnknownTorque
 
 SECONDS, PERIOD = 5.0, 0.01
 PENDULUM = (
@@ -103,6 +103,24 @@ def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
     assert found.data["where"][0]["name"] == "hinge"
     held = found.data["fit"]["held_out"]
     assert held["after"] < held["before"] / 4
+
+
+def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
+    # On a single joint a rotor's inertia and its link's are one.
+    rig = write_case(tmp_path, [Armature("hinge", 0.03)])
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    (chosen,) = found.data["effects"]
+    assert {"armature:hinge", "inertia_scale:arm"} in [set(pair) for pair in found.data["indistinguishable"]]
+    assert f"{chosen['effect']}:{chosen['target']}" in ("armature:hinge", "inertia_scale:arm")
+
+
+def test_a_limit_that_is_seldom_reached_is_found(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueLimit("hinge", 1.6)])
+    recordings = read_recordings(sorted(tmp_path.glob("train_*.csv")), read_rig(rig))
+    assert np.mean([np.abs(one.u) > 1.6 for one in recordings]) < 0.1
+    found = diagnose(read_rig(rig), recordings)
+    assert [(one["effect"], one["target"]) for one in found.data["effects"]] == [("torque_limit", "hinge")]
+    assert found.data["effects"][0]["parameters"]["torque"]["value"] == pytest.approx(1.6, rel=0.02)
 
 
 def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path) -> None:
