@@ -334,6 +334,7 @@ class Explorer:
         self._say, self._advance, self._deadline = say, advance, deadline
         self._pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin) if jobs > 1 else None
         self._jobs = jobs
+        self._begun = time.monotonic()
         if self._pool:
             # Workers import while the recordings are smoothed.
             for _ in range(jobs):
@@ -439,7 +440,11 @@ class Explorer:
 
     def _look_for_twins(self, chosen: Found) -> None:
         """Fit the effects that would change the prediction just as one of `chosen` does, in its place: they may be what it is taken for."""
-        if self.late or any(isinstance(effect, UnknownTorque) for effect in chosen.effects):
+        if any(isinstance(effect, UnknownTorque) for effect in chosen.effects):
+            return
+        now = time.monotonic()
+        if self._deadline - now < (now - self._begun) / 2:
+            # There is a budget, and what is left of it might not be enough.
             return
         fitter = self.fits.fitter(chosen.effects)
         alike: list[tuple[float, list[Effect]]] = []
@@ -543,7 +548,7 @@ class Explorer:
         for _ in range(0 if on_the_way else 4):
             if self.late:
                 break
-            if model.train < CLEAN:
+            if model.train < 3:
                 evaluations = 1
             again = self.fits.polished(model.effects, evaluations=evaluations)
             gained = model.train - again[0].train
