@@ -120,7 +120,12 @@ class Fitter:
         share = 1 - search.flow.shape[-1] / np.maximum((relative > 0).sum((1, 2)), 1)
         #: Number of measurements in each window that starting states cannot explain.
         self.count: Array = np.maximum(relative.sum((1, 2)) * share, 1e-9)
-        self.residual, self.free = self.settle(search.residual(), self.base)
+        self._raw = search.residual()
+        self.residual, self.free = self.settle(self._raw, self.base)
+
+    def missed(self, effects: Sequence[Effect]) -> Array:
+        """What `effects`, as they are, miss in the linearised simulator, shape (windows, rows * channels)."""
+        return self.settle(self._raw - self.search.change(effects), effects)[0]
 
     def settle(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None, sensitivity: Array | None = None) -> tuple[Array, Array]:
         """`residual` of the model with `effects` less what simulators do differently, within limits, and those differences that are within them.
@@ -195,30 +200,25 @@ class Fitter:
     def fit(self, effects: Sequence[Effect], *, evaluations: int = 12) -> Fitted:
         """Least squares over all parameters of `effects`, from their present values."""
         first = values_of(effects)
-        raw = self.search.residual()
         if not len(first):
-            return Fitted(tuple(effects), self.settle(raw - self.search.change(effects), effects)[0], np.zeros((0, *raw.shape)))
+            return Fitted(tuple(effects), self.missed(effects), np.zeros((0, *self._raw.shape)))
         low, high = limits_of(effects)
         size = sizes_of(effects)
 
         def built(z: Array) -> list[Effect]:
             return rebuild(effects, z * size)
 
-        def missed(z: Array) -> Array:
-            effects = built(z)
-            return self.settle(raw - self.search.change(effects), effects)[0]
-
         step = np.array([step for effect in effects for step in steps_of(effect)])
         bounds = (low / size - 1e-9, high / size + 1e-9)
         z = first / size
         # Far from the noise the windows' weights change with the fit.
         for _ in range(2 if evaluations > 1 else 1):
-            cost = (missed(z) ** 2).sum(-1)
+            cost = (self.missed(built(z)) ** 2).sum(-1)
             trust = self.trust(cost)
 
             def miss(z: Array, trust: Array = trust) -> Array:
                 # What the recordings do not tell stays where it started.
-                return np.concatenate(((missed(z) * trust)[self.train].ravel(), 0.01 * (z - first / size)))
+                return np.concatenate(((self.missed(built(z)) * trust)[self.train].ravel(), 0.01 * (z - first / size)))
 
             z = least_squares(miss, z, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=1e-4, ftol=1e-5).x
             if np.ptp(trust) < 0.5:
@@ -230,20 +230,18 @@ class Fitter:
             moved = z.copy()
             moved[index] += step[index] if moved[index] + step[index] <= high[index] / size[index] else -step[index]
             sensitivity.append((self.search.change(built(moved)) - at) / ((moved - z)[index] * size[index]))
-        return Fitted(tuple(final), self.settle(raw - at, final)[0], np.array(sensitivity))
+        return Fitted(tuple(final), self.settle(self._raw - at, final)[0], np.array(sensitivity))
 
     def grow(self, effects: Sequence[Effect], candidate: Candidate) -> Fitted:
         """`effects` and `candidate` fitted, from the start that does best; where that stays far from the noise, from the two next best ones, too."""
         starts = candidate.starts
-        raw = self.search.residual()
         if candidate.is_bent:
-            grown = [[*effects, start] for start in starts]
-            levels = [self.level((self.settle(raw - self.search.change(one), one)[0] ** 2).sum(-1)) for one in grown]
+            levels = [self.level((self.missed([*effects, start]) ** 2).sum(-1)) for start in starts]
             order = np.argsort(levels, kind="stable")
         else:
             # What it changes is in proportion to its size, so that each start is as good as at its best size.
             columns = self.clear(self.columns(candidate, effects))[:, self.train].reshape(len(starts), -1)
-            left = self.settle(raw - self.search.change(effects), effects)[0][self.train].ravel()
+            left = self.missed(effects)[self.train].ravel()
             order = np.argsort(-((columns @ left) ** 2) / np.maximum((columns**2).sum(1), 1e-12), kind="stable")[:1]
         best = self.fit([*effects, starts[order[0]]])
         for index in order[1:3]:

@@ -183,7 +183,7 @@ class Fits:
             return np.asarray(search.torques(effects) + search.bodies.torques(effects))
 
         def missed(effects: Sequence[Effect]) -> float:
-            return fitter.level((fitter.settle(search.residual() - search.change(effects), effects)[0] ** 2).sum(-1))
+            return fitter.level((fitter.missed(effects) ** 2).sum(-1))
 
         for effect in effects:
             if not effect.is_plausible(self.scales[carrier(self.rig, effect.target)]):
@@ -447,6 +447,7 @@ class Explorer:
             # There is a budget, and what is left of it might not be enough.
             return
         fitter = self.fits.fitter(chosen.effects)
+        known = {one.key for one in self.found}
         alike: list[tuple[float, list[Effect]]] = []
         for effect in chosen.effects:
             others = [other for other in chosen.effects if other is not effect]
@@ -455,7 +456,7 @@ class Explorer:
             for candidate in self.candidates:
                 for start in candidate.starts:
                     grown = [*others, start]
-                    if _key(grown) in {one.key for one in self.found} or candidate.label in chosen.key:
+                    if _key(grown) in known or candidate.label in chosen.key:
                         continue
                     column = fitter.clear(fitter.search.change(grown) - without).ravel()
                     size = np.linalg.norm(own) * np.linalg.norm(column)
