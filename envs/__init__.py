@@ -1,27 +1,50 @@
 """Worlds, robots, effects and source/target pairs on PyBullet; importing it registers the Gymnasium ids ``mpge_bench/...-v0``."""
 
+from typing import Any
+
 import gymnasium
 
+from mpge_bench.envs.classic import CLASSICS
 from mpge_bench.envs.env import RobotEnv
+from mpge_bench.envs.families import FAMILIES
 from mpge_bench.envs.robots import ROBOTS
-from mpge_bench.envs.tasks import TASKS, Task, get_task
+from mpge_bench.envs.task import Task
+from mpge_bench.envs.tasks import TASKS, get_task
 
 
-def _camel(name: str) -> str:
-    return "".join(word.capitalize() for word in name.split("_"))
+def _id(name: str) -> str:
+    return f"mpge_bench/{''.join(word.capitalize() for word in name.split('_'))}-v0"
 
 
-#: Gymnasium ids of the source tasks by robot, and of the target tasks by pair.
-SOURCE_IDS = {name: f"mpge_bench/{_camel(name)}-v0" for name in ROBOTS}
-TARGET_IDS = {name: f"mpge_bench/{_camel(name)}-v0" for name in TASKS}
+def make_instance(family: str, instance: int = 0, render_mode: str | None = None) -> RobotEnv:
+    """Instance number `instance`, 0 to 99, of a robot's `family`, as an environment.
 
-_ENTRY_POINT = f"{RobotEnv.__module__}:{RobotEnv.__qualname__}"
-for _name, _id in SOURCE_IDS.items():
-    gymnasium.register(_id, entry_point=_ENTRY_POINT, kwargs={"robot": ROBOTS[_name]}, max_episode_steps=ROBOTS[_name].episode_steps)
-for _name, _id in TARGET_IDS.items():
-    _task = TASKS[_name]
-    gymnasium.register(
-        _id, entry_point=_ENTRY_POINT, kwargs={"robot": _task.robot, "effects": _task.effects}, max_episode_steps=_task.robot.episode_steps
-    )
+    Raises:
+        UserError: if there is no such instance.
+    """
+    task = FAMILIES[family].task(instance)
+    return RobotEnv(task.robot, task.effects, render_mode)
 
-__all__ = ["ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task"]
+
+#: Gymnasium ids of the source tasks by robot, of the target tasks by pair, and of the families (whose ids take ``instance=0`` to ``99``).
+SOURCE_IDS = {name: _id(name) for name in ROBOTS}
+TARGET_IDS = {name: _id(name) for name in TASKS}
+FAMILY_IDS = {name: _id(name) for name in (*FAMILIES, *CLASSICS)}
+
+_ROBOT_ENV = f"{RobotEnv.__module__}:{RobotEnv.__qualname__}"
+
+
+def _register(id: str, entry_point: Any, steps: int, **settings: Any) -> None:
+    gymnasium.register(id, entry_point=entry_point, kwargs=settings, max_episode_steps=steps)
+
+
+for _robot in ROBOTS.values():
+    _register(SOURCE_IDS[_robot.name], _ROBOT_ENV, _robot.episode_steps, robot=_robot)
+for _task in TASKS.values():
+    _register(TARGET_IDS[_task.name], _ROBOT_ENV, _task.robot.episode_steps, robot=_task.robot, effects=_task.effects)
+for _family in FAMILIES.values():
+    _register(FAMILY_IDS[_family.name], f"{__name__}:make_instance", _family.robot.episode_steps, family=_family.name)
+for _name, (_make, _steps) in CLASSICS.items():
+    _register(FAMILY_IDS[_name], f"{_make.__module__}:{_make.__qualname__}", _steps)
+
+__all__ = ["FAMILIES", "FAMILY_IDS", "ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task", "make_instance"]

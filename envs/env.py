@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect
+from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.robots.robot import Array, Robot
+from mpge_bench.envs.world import World
 
 
 class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
@@ -19,26 +21,39 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
     Args:
         robot: supplies observation, reward and termination (its docstring says which).
         effects: what the target's physics has and the source's lacks.
+        render_mode: ``"rgb_array"`` for `render`.
+
+    Raises:
+        UserError: if an effect names what the robot has not, or the render mode is unknown.
     """
 
-    metadata = {"render_modes": []}
-    render_mode = None
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 25}
 
-    def __init__(self, robot: Robot, effects: Sequence[Effect] = ()) -> None:
+    def __init__(self, robot: Robot, effects: Sequence[Effect] = (), render_mode: str | None = None) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise UserError(f"unknown render mode {render_mode!r}; there is rgb_array")
         self.robot = robot
+        self.effects = tuple(effects)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / robot.dt)}
         self.world = robot.world(effects)
+        self._rise = robot.rise(effects)
+        self._view: World | None = None
         limit = np.full(len(robot.actuators), robot.action_limit)
         self.action_space = gymnasium.spaces.Box(-limit.astype(np.float32), limit.astype(np.float32))
         bound = np.full(robot.observation_size, np.inf)
         self.observation_space = gymnasium.spaces.Box(-bound, bound, dtype=np.float64)
         self._command = [0.0] * len(self.world.joints)
         self._driven = [self.world.joints.index(joint) for joint in robot.actuators]
-        self._gears, self._low, self._high = robot.gears, -limit, limit
+        self._low, self._high = -limit, limit
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode from the robot's random initial state."""
         super().reset(seed=seed)
-        self.world.set_state(*self.robot.initial_state(self.np_random))
+        q, dq = self.robot.initial_state(self.np_random)
+        if self._rise:
+            q[self.robot.height] += self._rise
+        self.world.set_state(q, dq)
         return self.robot.observation(*self.world.read()), {}
 
     def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -53,9 +68,20 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         """
         world, robot = self.world, self.robot
         clipped = np.minimum(np.maximum(executed, self._low), self._high)
-        for joint, torque in zip(self._driven, (clipped * self._gears).tolist(), strict=True):
-            self._command[joint] = torque
+        for joint, command in zip(self._driven, robot.command(clipped), strict=True):
+            self._command[joint] = command
         before = world.q
         world.step(self._command)
         paid = clipped if chosen is executed else np.minimum(np.maximum(chosen, self._low), self._high)
         return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
+
+    def render(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]
+        """A picture of the robot as it stands, shape (300, 400, 3); needs no display."""
+        # A world of its own, so that looking changes nothing.
+        self._view = self._view or self.robot.world(self.effects, seen=True)
+        self._view.set_state(self.world.q, self.world.dq)
+        return self._view.render(400, 300, **self.robot.camera(self.world.q))
+
+    def close(self) -> None:
+        """Let go of the world that pictures are taken in."""
+        self._view = None

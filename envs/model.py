@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.envs.engine import bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.mjcf import read_mjcf
 
@@ -38,19 +39,25 @@ class Joint:
 class Model:
     """The URDF or MJCF file at `path`, as URDF, with gravity and constant forces beside it.
 
+    Args:
+        path: of the file.
+        floating: the base is free to move in space; if not, it is fixed.
+
     Attributes:
         armature: inertia, kg m², that an MJCF file adds to joints' own.
         springs: stiffness, N m/rad, and rest position, rad, of the joints' springs in an MJCF file.
-        gravity: m/s², in the base's frame; None leaves it to the world.
-        forces: constant forces (link, N in the base's frame) on links' centres of mass.
-        rotors: the joints that have a rotor, and its gear ratio.
+        gravity: m/s², in the fixed base's frame or, of a floating one, in the world's; None leaves it to the world.
+        forces: constant forces (link, N in the same frame) on links' centres of mass.
+        rotors: the joints that have a rotor among the links, and its gear ratio.
+        flywheels: the joints that have a rotor outside of the robot, and its inertia, kg m²: the rotors of a floating base.
 
     Raises:
         UserError: if the file is no readable URDF or MJCF, or says something that PyBullet would take otherwise.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, floating: bool = False) -> None:
         self.path = path
+        self.floating = floating
         try:
             self._root = ET.parse(path).getroot()
         except (OSError, ET.ParseError, UnicodeDecodeError, ValueError) as error:
@@ -74,12 +81,13 @@ class Model:
         self.gravity: tuple[float, float, float] | None = None
         self.forces: list[tuple[str, Array]] = []
         self.rotors: dict[str, float] = {}
+        self.flywheels: dict[str, float] = {}
 
     def copy(self) -> Model:
         """A model of its own that can be changed without changing this one."""
         other = copy.copy(self)
         other._root, other.forces, other.rotors = copy.deepcopy(self._root), list(self.forces), dict(self.rotors)
-        other.armature, other.springs = dict(self.armature), dict(self.springs)
+        other.armature, other.springs, other.flywheels = dict(self.armature), dict(self.springs), dict(self.flywheels)
         return other
 
     def text(self) -> bytes:
@@ -128,8 +136,8 @@ class Model:
         return found
 
     def moving_links(self) -> tuple[str, ...]:
-        """Links with mass that some movable joint carries."""
-        return tuple(link for link in self.links if self.carriers(link))
+        """Links with mass that some movable joint carries, or a floating base."""
+        return self.links if self.floating else tuple(link for link in self.links if self.carriers(link))
 
     def carriers(self, link: str) -> tuple[str, ...]:
         """Movable joints between the base and `link`, outermost first."""
@@ -176,7 +184,7 @@ class Model:
         ET.SubElement(inertial, "inertia", {key: repr(float(inertia[at])) for key, at in keys.items()})
 
     def push(self, link: str, force: Sequence[float]) -> None:
-        """Add a constant force, N, in the base's frame, on the centre of mass of `link`.
+        """Add a constant force, N, in the frame of `gravity`, on the centre of mass of `link`.
 
         Raises:
             UserError: if no link that has mass and moves has that name.
@@ -190,7 +198,8 @@ class Model:
 
         Args:
             carried: the rotor sits on the joint's parent, spins `ROTOR_RATIO` times as fast and so adds inertia / ratio to the coupling with the parent's
-                motion, as a real one does; if not, it spins with the joint on the base and changes no other entry of the mass matrix.
+                motion, as a real one does; if not, it spins with the joint on the fixed base, or beside a robot with a floating base, and changes
+                no other entry of the mass matrix.
 
         Raises:
             UserError: if there is no such joint, or `inertia` is negative or not finite.
@@ -200,6 +209,9 @@ class Model:
             raise UserError(f"{self.path}: armature is given for joint {joint}, which the model has not; it has {', '.join(self.joints)}")
         if not 0 <= inertia < math.inf:
             raise UserError(f"armature of joint {joint} is {inertia} kg m²; it must be finite and not negative")
+        if self.floating and not carried:
+            self.flywheels[joint] = self.flywheels.get(joint, 0.0) + inertia
+            return
         ratio = ROTOR_RATIO if carried else 1.0
         own = inertia / ratio**2
         name = rotor_of(joint)
@@ -224,8 +236,148 @@ class Model:
         ET.SubElement(turn, "child", link=name)
         self.rotors[joint] = ratio
 
+    def scale_rotor(self, joint: str, factor: float) -> None:
+        """Make the inertia of the rotor geared to `joint` `factor` times as large.
+
+        Raises:
+            UserError: if the joint has none.
+        """
+        inertia = self._root.find(f"link[@name='{rotor_of(joint)}']/inertial/inertia")
+        if joint in self.flywheels:
+            self.flywheels[joint] *= factor
+        elif inertia is not None:
+            for key in ("ixx", "iyy", "izz"):
+                inertia.set(key, str(float(inertia.attrib[key]) * factor))
+        else:
+            having = ", ".join([*self.rotors, *self.flywheels]) or "no joint has one"
+            raise UserError(f"joint {joint!r} has no rotor whose inertia could be scaled (those with one: {having}); add one by the effect armature")
+
+    def take_flywheels(self) -> bytes:
+        """The flywheels as a URDF file of their own, each on a joint named after the robot's, which hands over its damping and its end stops.
+
+        What acts on a light limb and a heavy flywheel is solved well only where it acts on the heavy one.
+        """
+        root = ET.Element("robot", name="flywheels")
+        _add_massless(ET.SubElement(root, "link", name="axle"))
+        for name, inertia in self.flywheels.items():
+            link = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")
+            ET.SubElement(link, "mass", value="0")
+            ET.SubElement(link, "inertia", ixx=str(inertia), iyy=str(inertia), izz=str(inertia), ixy="0", ixz="0", iyz="0")
+            element = self._root.find(f"joint[@name='{name}']")
+            assert element is not None
+            wheel = ET.SubElement(root, "joint", name=name, type=element.attrib["type"])
+            ET.SubElement(wheel, "parent", link="axle")
+            ET.SubElement(wheel, "child", link=name)
+            ET.SubElement(wheel, "axis", xyz="0 0 1")
+            for tag in ("limit", "dynamics"):
+                part = element.find(tag)
+                if part is not None:
+                    element.remove(part)
+                    wheel.append(part)
+            if element.attrib["type"] == "prismatic":
+                ET.SubElement(element, "limit", lower="1", upper="-1", effort="0", velocity="0")  # upper below lower: none
+            else:
+                element.set("type", "continuous")
+        return ET.tostring(root)
+
+    def set_damping(self, joint: str, damping: float) -> None:
+        """Give `joint` another damping, N m s/rad, in place of the file's."""
+        element = self._root.find(f"joint[@name='{joint}']")
+        assert element is not None
+        dynamics = element.find("dynamics")
+        if dynamics is None:
+            dynamics = ET.SubElement(element, "dynamics")
+        dynamics.set("damping", repr(float(damping)))
+
+    def unlimit(self, joint: str) -> None:
+        """Let a revolute `joint` turn without end."""
+        element = self._root.find(f"joint[@name='{joint}']")
+        assert element is not None
+        element.set("type", "continuous")
+        for limit in element.findall("limit"):
+            element.remove(limit)
+
+    def set_friction(self, link: str, coefficient: float) -> None:
+        """Give `link` another coefficient of friction in contact.
+
+        Raises:
+            UserError: if no link that can touch anything has that name.
+        """
+        element = self._root.find(f"link[@name='{link}']")
+        if element is None or element.find("collision") is None:
+            touching = [one.attrib["name"] for one in self._root.findall("link") if one.find("collision") is not None]
+            raise UserError(f"no link {link!r} that can touch anything; the model has {', '.join(touching) or 'none'}")
+        contact = element.find("contact")
+        if contact is None:
+            contact = ET.SubElement(element, "contact")
+        for present in contact.findall("lateral_friction"):
+            contact.remove(present)
+        ET.SubElement(contact, "lateral_friction", value=repr(float(coefficient)))
+
+    def touching(self) -> tuple[str, ...]:
+        """Links that can touch something."""
+        return tuple(link.attrib["name"] for link in self._root.findall("link") if link.find("collision") is not None)
+
+    def add_mass(self, link: str, mass: float, at: Array) -> None:
+        """Fix a point mass, kg, to `link` at `at`, m, in the link's frame.
+
+        Raises:
+            UserError: if no link with mass has that name.
+        """
+        own, centre, inertia = self.inertial(link)
+        total = own + mass
+        joint = (own * centre + mass * at) / total
+        for weight, offset in ((own, centre - joint), (mass, at - joint)):
+            inertia = inertia + weight * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+        self.set_inertial(link, total, joint, inertia)
+
+    def resize(self, link: str, length: float, radius: float) -> None:
+        """Make `link`, one capsule, `length` times as long and `radius` times as thick: what is seen and touched, where the next joints sit, and, at the
+        same density, mass and inertia. What the link's inertia has beyond a capsule's (armature that stands in it) stays as it is.
+
+        Raises:
+            UserError: if the link is no single capsule.
+        """
+        mass, centre, inertia = self.inertial(link)
+        element = self._root.find(f"link[@name='{link}']")
+        assert element is not None
+        shapes = element.findall("collision/geometry/capsule")
+        if len(shapes) != 1 or len(element.findall("collision")) != 1:
+            raise UserError(f"link {link!r} is not a single capsule, so its length and thickness cannot be changed; choose another link")
+        old = float(shapes[0].attrib["radius"]), float(shapes[0].attrib["length"])
+        new = old[0] * radius, old[1] * length
+        origin = element.find("collision/origin")
+        turn = _rotation(_vector(origin, "rpy", "0 0 0"))
+        stretch = np.eye(3) + (length - 1) * np.outer(turn[:, 2], turn[:, 2])
+        for part in (*element.findall("collision"), *element.findall("visual")):
+            _move(part.find("origin"), stretch)
+            for shape in part.findall("geometry/capsule"):
+                shape.set("radius", repr(new[0]))
+                shape.set("length", repr(new[1]))
+        for joint in self._root.findall("joint"):
+            if joint.find("parent").attrib["link"] == link:  # type: ignore[union-attr]
+                _move(joint.find("origin"), stretch)
+        grown = mass * _capsule(*new)[0] / _capsule(*old)[0]
+        change = grown * turn @ np.diag(_capsule(*new)[1]) @ turn.T - mass * turn @ np.diag(_capsule(*old)[1]) @ turn.T
+        self.set_inertial(link, grown, stretch @ centre, inertia + change)
+
+    def take_inertia_of_shapes(self) -> None:
+        """Give every link with mass the rotational inertia that Bullet works out from its shape of collision, in place of the file's."""
+        client = bullet.connect(bullet.DIRECT)
+        try:
+            body = load_urdf(self.text(), client, fixed=not self.floating)
+            for index, name in link_names(body, client).items():
+                if name in self.links:
+                    mass, _, moments, place, turn, *_ = bullet.getDynamicsInfo(body, index, physicsClientId=client)
+                    axes = np.reshape(bullet.getMatrixFromQuaternion(turn), (3, 3))
+                    self.set_inertial(name, mass, np.array(place), axes @ np.diag(moments) @ axes.T)
+        finally:
+            bullet.disconnect(client)
+
     def free_base(self) -> None:
-        """Take the base's mass away. A fixed base needs none, and PyBullet's dynamics functions would take gravity along its principal axes."""
+        """Take a fixed base's mass away. It needs none, and PyBullet's dynamics functions would take gravity along its principal axes."""
+        if self.floating:
+            return
         base = self._root.find(f"link[@name='{self._base()}']")
         assert base is not None
         for inertial in base.findall("inertial"):
@@ -274,6 +426,8 @@ class Model:
                 self.inertial(link)
         except ValueError as error:
             raise UserError(f"{self.path}: not a readable URDF file ({error}); correct this number") from error
+        if self.floating and self._base() not in self.links:
+            raise UserError(f"{self.path}: the base {self._base()!r} floats but has no mass; give it an inertial, or fix it")
         moving = {joint for link in self.links for joint in self.carriers(link)}
         for name in self.joints:
             if name not in moving:
@@ -325,6 +479,19 @@ def _add_massless(link: ET.Element) -> None:
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "mass", value="0")
     ET.SubElement(inertial, "inertia", ixx="0", ixy="0", ixz="0", iyy="0", iyz="0", izz="0")
+
+
+def _capsule(radius: float, length: float) -> tuple[float, Array]:
+    """Volume, m³, of a capsule whose cylinder has `length`, and its moments of inertia over its mass, m², across, across and along its axis."""
+    cylinder, ball = math.pi * radius**2 * length, 4 / 3 * math.pi * radius**3
+    along = (cylinder / 2 + ball * 2 / 5) * radius**2
+    across = cylinder * (length**2 / 12 + radius**2 / 4) + ball * (2 / 5 * radius**2 + length**2 / 4 + 3 / 8 * length * radius)
+    return cylinder + ball, np.array((across, across, along)) / (cylinder + ball)
+
+
+def _move(origin: ET.Element | None, stretch: Array) -> None:
+    if origin is not None:
+        origin.set("xyz", " ".join(repr(float(value)) for value in stretch @ _vector(origin, "xyz", "0 0 0")))
 
 
 def rotor_of(joint: str) -> str:

@@ -1,92 +1,162 @@
-"""The registry of source/target pairs: a robot, the effects that the target has and the source lacks, and what is known about them."""
+"""The registry of source/target pairs, and how a pair is found by its name."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from pathlib import Path
 
-import numpy as np
-
-from mpge_bench.envs.effects import Effect, Hidden, MassScale, TorqueBias, TorqueGain, TorqueLimit
-from mpge_bench.envs.env import RobotEnv
+from mpge_bench.envs.custom import import_task, read_task
+from mpge_bench.envs.effects import (
+    AttachedMass,
+    Backlash,
+    ContactFriction,
+    CoulombFriction,
+    DcMotor,
+    Delay,
+    Gravity,
+    Lag,
+    Latency,
+    MassScale,
+    TorqueBias,
+    TorqueGain,
+    TorqueLimit,
+    ViscousFriction,
+)
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.families import FAMILIES, INSTANCES
 from mpge_bench.envs.robots import ROBOTS
-from mpge_bench.envs.robots.robot import Array, Robot
-
-
-@dataclass(frozen=True)
-class Task:
-    """A source task and the target task it is to be transferred to.
-
-    Attributes:
-        name: on the command line, e.g. ``broken_hopper``.
-        robot: of both source and target.
-        effects: of the target alone.
-        summary: one line on how the target differs.
-        citation: where the pair is from.
-    """
-
-    name: str
-    robot: Robot
-    effects: Sequence[Effect]
-    summary: str
-    citation: str
-
-    def source(self) -> RobotEnv:
-        """A new source environment."""
-        return RobotEnv(self.robot)
-
-    def target(self) -> RobotEnv:
-        """A new target environment."""
-        return RobotEnv(self.robot, self.effects)
-
-    @property
-    def has_action_transformation(self) -> bool:
-        """Whether the mismatch is an action transformation known in closed form: every effect is a function of the command alone."""
-        return all(effect.maps_command for effect in self.effects)
-
-    def action_transformation(self, action: Array) -> Array:
-        """The true ã*(a): the action that makes the source do what the target does under `action`, both of shape (n, actuators).
-
-        Raises:
-            ValueError: if there is none in closed form.
-        """
-        if not self.has_action_transformation:
-            raise ValueError(f"{self.name}: the true action transformation is not known in closed form")
-        robot = self.robot
-        actuated = [robot.joints.index(joint) for joint in robot.actuators]
-        command = np.zeros((len(robot.joints), len(action)))
-        command[actuated] = (np.clip(action, -robot.action_limit, robot.action_limit) * robot.gears).T
-        for effect in self.effects:
-            effect.actuate(command, robot.joints.index(effect.target), None, None, Hidden(robot.timestep))
-        return np.clip(command[actuated].T / robot.gears, -robot.action_limit, robot.action_limit)
-
+from mpge_bench.envs.robots.minitaur import RESISTANCE, TORQUE_CONSTANT
+from mpge_bench.envs.task import Task
 
 _MPGE = "Lee et al. 2022 (MPGE)"
+_GARAT = "Desai et al. 2020 (GARAT)"
+_OURS = "mpge_bench"
+
+_PENDULUM, _HOPPER, _CHEETAH, _WALKER = (ROBOTS[name] for name in ("inverted_pendulum", "hopper", "half_cheetah", "walker"))
+_ANT, _MINITAUR = ROBOTS["ant"], ROBOTS["minitaur"]
+#: Current, A, and torque, N m, measured on the Minitaur's motor.
+_CURRENT, _TORQUE = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0), (0.0, 1.0, 1.9, 2.45, 3.0, 3.25, 3.5)
+_SLOPE = math.radians(6.0)
 
 TASKS: dict[str, Task] = {
     task.name: task
     for task in (
         Task(
             "biased_pendulum",
-            ROBOTS["inverted_pendulum"],
+            _PENDULUM,
             (TorqueBias("slider", 150.0), TorqueLimit("slider", 300.0)),
             "1.5 (150 N) is added to the action, which is then clipped to its range ±3",
             _MPGE,
         ),
-        Task("broken_hopper", ROBOTS["hopper"], (TorqueGain("thigh_joint", 0.0),), "the first of 3 actuators (thigh) is dead", _MPGE),
-        Task("broken_cheetah", ROBOTS["half_cheetah"], (TorqueGain("bthigh_joint", 0.0),), "the first of 6 actuators (back thigh) is dead", _MPGE),
-        Task("heavy_cheetah", ROBOTS["half_cheetah"], (MassScale("*", 20 / 14),), "total mass 14 → 20 kg, every link alike", _MPGE),
+        Task("broken_hopper", _HOPPER, (TorqueGain("thigh_joint", 0.0),), "the first of 3 actuators (thigh) is dead", _MPGE),
+        Task("broken_cheetah", _CHEETAH, (TorqueGain("bthigh_joint", 0.0),), "the first of 6 actuators (back thigh) is dead", _MPGE),
+        Task(
+            "heavy_cheetah",
+            _CHEETAH,
+            (MassScale("*", 20 / 14),),
+            "total mass 14 → 20 kg, every link alike",
+            f"{_MPGE}; {_GARAT}",
+            "The papers' text says torso; their model file sets the total mass.",
+        ),
+        Task("heavy_pendulum", _PENDULUM, (MassScale("pole", 100 / 4.89480204),), "the pole's mass 4.89 → 100 kg", _GARAT),
+        Task("heavy_hopper", _HOPPER, (MassScale("torso", 6 / 3.53429174),), "the torso's mass 3.53 → 6.0 kg", _GARAT),
+        Task(
+            "high_friction_hopper",
+            _HOPPER,
+            (ContactFriction("foot", 2.2),),
+            "the foot's friction 2.0 → 2.2",
+            _GARAT,
+            "At 2.0 the foot hardly ever slips in PyBullet, so that 2.2 changes next to nothing (GARAT's figure: most methods do well there, too). Its stronger twin"
+            " is slippery_hopper.",
+        ),
+        Task("heavy_walker", _WALKER, (MassScale("torso", 10 / 3.53429174),), "the torso's mass 3.53 → 10.0 kg", _GARAT),
+        Task("ant_gravity", ROBOTS["light_ant"], (Gravity("world", (0.0, 0.0, -9.81)),), "gravity -4.91 → -9.81 m/s²", _GARAT),
+        Task(
+            "minitaur_motor",
+            _MINITAUR,
+            tuple(DcMotor(motor, TORQUE_CONSTANT, RESISTANCE, 50.0, _CURRENT, _TORQUE) for motor in _MINITAUR.actuators),
+            "torque linear in the current → the measured curve, with back-EMF and a voltage limit",
+            _GARAT,
+        ),
+        Task("slippery_hopper", _HOPPER, (ContactFriction("foot", 0.4),), "the foot's friction 2.0 → 0.4", _OURS, "The stronger twin of high_friction_hopper."),
+        Task("slippery_cheetah", _CHEETAH, (ContactFriction("*", 0.15),), "every link's friction 0.4 → 0.15: ice", _OURS),
+        Task(
+            "rusty_hopper",
+            _HOPPER,
+            tuple(kind(joint, value) for joint in _HOPPER.actuators for kind, value in ((CoulombFriction, 15.0), (ViscousFriction, 4.0))),
+            "every joint has 15 N m of dry friction and 4 N m s/rad of viscous friction more",
+            _OURS,
+        ),
+        Task(
+            "delayed_cheetah",
+            _CHEETAH,
+            tuple(Delay(joint, 0.03) for joint in _CHEETAH.actuators),
+            "every motor delivers its command 30 ms late (a control step is 50 ms)",
+            _OURS,
+        ),
+        Task(
+            "weak_cheetah",
+            _CHEETAH,
+            tuple(TorqueGain(joint, 0.6) for joint in ("fthigh_joint", "fshin_joint", "ffoot_joint")),
+            "the front leg's motors deliver 60%",
+            _OURS,
+        ),
+        Task(
+            "tilted_cheetah",
+            _CHEETAH,
+            (Gravity("world", (-9.81 * math.sin(_SLOPE), 0.0, -9.81 * math.cos(_SLOPE))),),
+            "the ground rises by 6° along the track",
+            _OURS,
+            "z is measured along the normal of the ground, pitch from it.",
+        ),
+        Task(
+            "laggy_walker",
+            _WALKER,
+            tuple(Lag(joint, 0.03) for joint in _WALKER.actuators),
+            "every motor follows its command with a time constant of 30 ms",
+            _OURS,
+        ),
+        Task(
+            "loaded_walker",
+            _WALKER,
+            (AttachedMass("torso", 3.0, x=0.15, z=0.1),),
+            "3 kg are fixed to the torso, 15 cm in front and 10 cm above its middle",
+            _OURS,
+        ),
+        Task(
+            "loose_walker",
+            _WALKER,
+            tuple(Backlash(joint, 0.1, 0.02) for joint in _WALKER.actuators),
+            "every motor (rotor 0.02 kg m²) has a play of 0.1 rad",
+            _OURS,
+        ),
+        Task("lame_ant", _ANT, (TorqueGain("hip_1", 0.0), TorqueGain("ankle_1", 0.0)), "both motors of leg 1 are dead", _OURS),
+        Task(
+            "late_minitaur",
+            _MINITAUR,
+            tuple(Latency(motor, 0.02) for motor in _MINITAUR.actuators),
+            "target angles reach the motors' controllers 20 ms late (a control step is 10 ms)",
+            _OURS,
+        ),
     )
 }
 
 
 def get_task(name: str) -> Task:
-    """The registered pair called `name`.
+    """The pair called `name`: a registered one, an instance of a family (``multipolar_hopper_17``), a user's own in a YAML file (``path/to/pair.yaml``)
+    or in a module (``my_module:PAIR``).
 
     Raises:
-        UserError: if there is none.
+        UserError: if there is none, or the user's own is not right.
     """
-    if name not in TASKS:
-        raise UserError(f"unknown task {name!r}; choose one of: {', '.join(TASKS)}")
-    return TASKS[name]
+    if name in TASKS:
+        return TASKS[name]
+    family, _, instance = name.rpartition("_")
+    if family in FAMILIES and instance.isdigit():
+        return FAMILIES[family].task(int(instance))
+    if name.endswith((".yaml", ".yml")):
+        return read_task(Path(name))
+    if ":" in name:
+        return import_task(name)
+    families = ", ".join(f"{family}_0 to _{INSTANCES - 1}" for family in FAMILIES)
+    raise UserError(f"unknown task {name!r}; choose one of: {', '.join(TASKS)}, {families}; or give your own: path/to/pair.yaml or my_module:PAIR")

@@ -1,73 +1,73 @@
-"""One PyBullet client holding one robot: load it, set and read its generalized state, step it, repeat it exactly."""
+"""One PyBullet client holding one robot: load it, set and read its generalized state, step it, repeat it exactly, look at it."""
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import math
-import os
-import sys
-import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pybullet_data
 
 from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
+from mpge_bench.envs.engine import bullet, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model, rotor_of
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """PyBullet prints from C while it is imported and while it loads a model; that noise is kept from the user's terminal."""
-    libc = ctypes.CDLL(None)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    saved = [os.dup(stream) for stream in (1, 2)]
-    with open(os.devnull, "w") as sink:
-        for stream in (1, 2):
-            os.dup2(sink.fileno(), stream)
-    try:
-        yield
-    finally:
-        libc.fflush(None)
-        for stream, copied in zip((1, 2), saved, strict=True):
-            os.dup2(copied, stream)
-            os.close(copied)
-
-
-with _quiet():
-    import pybullet as bullet
-
 Array = npt.NDArray[np.float64]
 
 
-class World:
-    """A robot on a fixed base in a PyBullet world of its own, its joints read and driven in the order of the model file.
+Image = npt.NDArray[np.uint8]
 
-    The generalized coordinates q (m, rad) and velocities dq (m/s, rad/s) of the joints are the whole state. After `set_state` the next `step` is
-    bit-identical whatever the world did before: the world restores one snapshot, taken when it was made, and so forgets cached contacts.
-    Within an episode (steps without `set_state`) Bullet keeps its contact cache, as every PyBullet program does.
+#: Coordinates and velocities of a floating base: place (3) and quaternion x, y, z, w; linear (3) and angular velocity (3).
+BASE_Q, BASE_DQ = 7, 6
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A ball joint that closes a kinematic loop: `point`, m, in the frame of `link` stays at `other_point` in the frame of `other_link`."""
+
+    link: str
+    point: tuple[float, float, float]
+    other_link: str
+    other_point: tuple[float, float, float]
+
+
+class World:
+    """A robot in a PyBullet world of its own, its joints read and driven in the order of the model file.
+
+    The generalized coordinates q and velocities dq are the whole state: of a robot on a fixed base one a joint (m, rad; m/s, rad/s); of a floating one
+    the base's come first: q begins with the place of the base link's frame (m) and its orientation (quaternion x, y, z, w), dq with the velocity of that
+    frame's origin (m/s) and the angular velocity (rad/s), all along the world's axes. Of a robot with closed loops q and dq hold all joints, and it is the
+    caller's part to give values that fit together.
+
+    After `set_state` the next `step` is bit-identical whatever the world did before: the world restores one snapshot, taken when it was made, and so
+    forgets cached contacts. Within an episode (steps without `set_state`) Bullet keeps its contact cache, as every PyBullet program does.
 
     Args:
-        model: path of the URDF file, or the model itself (which stays as it is).
+        model: path of the URDF file of a robot on a fixed base, or the model itself (which stays as it is).
         timestep: physics step, s.
         substeps: physics steps a control step.
-        gravity: m/s², along z, or the whole vector in the base's frame.
+        gravity: m/s², along z, or the whole vector in the fixed base's or the world's frame.
         friction: coefficient of a ground plane at z = 0 (multiplied with the link's own, as Bullet does); None for no ground.
         armature: rotor inertia in kg m² by joint, added to the joint's own inertia as MuJoCo's `armature` is. PyBullet has none, so the rotor is
-            built: a massless link on the joint's axis, of inertia armature / ratio², geared to the joint at 1 : ratio.
+            built: on a fixed base a massless link on the joint's axis, of inertia armature / ratio², geared to the joint at 1 : ratio; beside a floating
+            base a flywheel geared to the joint at 1 : 1.
         iterations: of Bullet's constraint solver, a physics step.
+        loops: ball joints that close kinematic loops.
         effects: installed in this order; their `actuate` runs in this order on every command.
+        seen: there is a ground to be seen where there is one to touch, for `render`.
 
     Raises:
-        UserError: if the model does not load, or an effect or `armature` names a joint or link the model has not.
+        UserError: if the model does not load, or an effect, a loop or `armature` names a joint or link the model has not.
     """
 
     def __init__(
@@ -80,15 +80,18 @@ class World:
         friction: float | None = None,
         armature: Mapping[str, float] | None = None,
         iterations: int = 10,
+        loops: Sequence[Loop] = (),
         effects: Sequence[Effect] = (),
+        seen: bool = False,
     ) -> None:
         self.timestep = timestep
         self.substeps = substeps
         self._client: int = bullet.connect(bullet.DIRECT)
         weakref.finalize(self, _disconnect, self._client)
         model = model.copy() if isinstance(model, Model) else Model(model)
+        self.floating = model.floating
         for name, inertia in (armature or {}).items():
-            model.add_rotor(name, inertia, carried=True)
+            model.add_rotor(name, inertia, carried=not model.floating)
         for name, inertia in model.armature.items():
             model.add_rotor(name, inertia)
         #: Those that were given, and what PyBullet leaves out of the model itself.
@@ -100,38 +103,62 @@ class World:
         for effect in self.effects:
             if effect.on in ("joint", "sensor") and effect.target not in model.joints:
                 raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(model.joints)}")
-            effect.install(model)
+            try:
+                effect.install(model)
+            except UserError as error:
+                raise UserError(f"effect {effect.name}: {error}") from error
         model.free_base()
-        self._body = self._load(model)
+        wheels = model.take_flywheels() if model.flywheels else None
+        self._body = self._load(model.text(), model)
         indices = {}
         for index in range(bullet.getNumJoints(self._body, physicsClientId=self._client)):
             info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
             indices[info[1].decode()] = (index, info[12].decode())
             # Bullet's default drag of 4% a second is no part of any robot here.
             bullet.changeDynamics(self._body, index, linearDamping=0, angularDamping=0, physicsClientId=self._client)
-            if not armature:
+            if not armature or self.floating:
                 # Bullet lets no joint be faster than 100 rad/s. The robots with `armature` keep this bound: their published results are with it.
                 bullet.changeDynamics(self._body, index, maxJointVelocity=1e6, physicsClientId=self._client)
         rotors = {name: indices.pop(rotor_of(name))[0] for name in model.rotors}
         #: Movable joints in the order of q and dq.
         self.joints = model.joints
         self._links = {link: index for index, link in indices.values() if self._mass(index) > 0}
+        if self.floating:
+            bullet.changeDynamics(self._body, -1, linearDamping=0, angularDamping=0, physicsClientId=self._client)
+            bullet.changeDynamics(self._body, -1, maxJointVelocity=1e6, physicsClientId=self._client)
+            self._links = {bullet.getBodyInfo(self._body, physicsClientId=self._client)[0].decode(): -1, **self._links}
         #: Links that have mass.
         self.links = tuple(self._links)
         self._q_index = [indices[name][0] for name in self.joints]
         self._state_index = self._q_index + list(rotors.values())
         self._rotor_of = [(self.joints.index(name), ratio) for name, ratio in model.rotors.items()]
-        bullet.setJointMotorControlArray(
-            self._body, self._state_index, bullet.VELOCITY_CONTROL, forces=[0.0] * len(self._state_index), physicsClientId=self._client
-        )
+        self._let_go(self._body, self._state_index)
         for (name, ratio), rotor in zip(model.rotors.items(), rotors.values(), strict=True):
-            gear = bullet.createConstraint(
-                self._body, rotor, self._body, indices[name][0], bullet.JOINT_GEAR, [0, 1, 0], [0, 0, 0], [0, 0, 0], physicsClientId=self._client
-            )
-            bullet.changeConstraint(gear, gearRatio=-ratio, maxForce=1e6, physicsClientId=self._client)
+            self._gear(self._body, rotor, indices[name][0], -ratio)
+        #: Where each joint is driven: the body, its joints, and their places among `joints`; the flywheel's, if it has one.
+        self._drives = [(self._body, self._q_index, list(range(len(self.joints))))]
+        self._flywheels: list[int] = []
+        if wheels is not None:
+            self._wheel_body = self._load(wheels, model, fixed=True)
+            self._flywheels = [self.joints.index(name) for name in model.flywheels]
+            turning = list(range(len(self._flywheels)))
+            self._let_go(self._wheel_body, turning)
+            for wheel, joint in zip(turning, self._flywheels, strict=True):
+                bullet.changeDynamics(self._wheel_body, wheel, linearDamping=0, angularDamping=0, physicsClientId=self._client)
+                bullet.changeDynamics(self._wheel_body, wheel, maxJointVelocity=1e6, physicsClientId=self._client)
+                self._gear(self._wheel_body, wheel, self._q_index[joint], -1.0)
+            plain = [joint for joint in range(len(self.joints)) if joint not in self._flywheels]
+            self._drives = [(self._wheel_body, turning, self._flywheels)]
+            if plain:
+                self._drives.append((self._body, [self._q_index[joint] for joint in plain], plain))
+        for loop in loops:
+            self._close(loop)
         if friction is not None:
-            plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
-            ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
+            if seen:
+                ground = bullet.loadURDF(str(Path(pybullet_data.getDataPath()) / "plane.urdf"), physicsClientId=self._client)
+            else:
+                plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
+                ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
             bullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
@@ -139,7 +166,8 @@ class World:
         actuators = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "joint"]
         #: A command that depends on the state (a spring, say) is worked out anew at every physics step; any other one is held.
         self._held = all(effect.maps_command or effect.steady for effect, _ in actuators) and not self._forces
-        steps = substeps if self._held else 1
+        self._advances = 1 if self._held else substeps
+        steps = substeps // self._advances
         self._hidden = [Hidden(timestep) for _ in actuators]
         zeros = [0.0] * len(self.joints)
         rubs = [effect.friction(zeros, joint, zeros, zeros) is not None for effect, joint in actuators]
@@ -155,7 +183,7 @@ class World:
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
         )
-        if any(rubs) or 1.0 in model.rotors.values():
+        if any(rubs) or loops or 1.0 in model.rotors.values():
             # By default the solver stops early, at errors of some hundredths of what friction and heavy rotors do to the motion.
             bullet.setPhysicsEngineParameter(solverResidualThreshold=0, physicsClientId=self._client)
         if any(rubs) and not self._rubbing:
@@ -166,21 +194,43 @@ class World:
         # restoreState forgets the contacts of the moment only if the snapshot has contacts of its own: take it where the robot is in the ground.
         bullet.performCollisionDetection(physicsClientId=self._client)
         self._snapshot: int = bullet.saveState(physicsClientId=self._client)
-        self.q = np.zeros(len(self.joints))
-        self.dq = np.zeros(len(self.joints))
+        base = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] if self.floating else []
+        self.q = np.array(base + [0.0] * len(self.joints))
+        self.dq = np.zeros(BASE_DQ * self.floating + len(self.joints))
+        if self.floating:
+            #: Centre of mass of the base, whose motion PyBullet tells, in the frame of the base link, whose motion q and dq tell.
+            _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, -1, physicsClientId=self._client)
+            self._base_centre = None if place == (0.0, 0.0, 0.0) and turn == (0.0, 0.0, 0.0, 1.0) else (place, turn)
         self.set_state(self.q, self.dq)
         if any(effect.remembers for effect, _ in actuators):
             for (_, joint), hidden in zip(actuators, self._hidden, strict=True):
-                hidden.inertia = float(1 / np.linalg.inv(self.mass_matrix(self.q))[joint, joint])
+                hidden.inertia = self._inertia_of(joint)
 
-    def _load(self, model: Model) -> int:
-        with tempfile.NamedTemporaryFile("wb", suffix=".urdf") as file, _quiet():
-            file.write(model.text())
-            file.flush()
-            try:
-                return int(bullet.loadURDF(file.name, useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self._client))
-            except bullet.error as error:
-                raise UserError(f"{model.path}: PyBullet cannot load this model ({error}); check links, joints and inertias") from error
+    def _load(self, text: bytes, model: Model, *, fixed: bool = False) -> int:
+        try:
+            return load_urdf(text, self._client, fixed=fixed or not model.floating, flags=bullet.URDF_USE_INERTIA_FROM_FILE)
+        except bullet.error as error:
+            raise UserError(f"{model.path}: PyBullet cannot load this model ({error}); check links, joints and inertias") from error
+
+    def _let_go(self, body: int, joints: list[int]) -> None:
+        """Take away the motor that Bullet gives every joint."""
+        bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=self._client)
+
+    def _gear(self, rotor_body: int, rotor: int, joint: int, ratio: float) -> None:
+        axis, none = [0, 1, 0], [0, 0, 0]
+        gear = bullet.createConstraint(rotor_body, rotor, self._body, joint, bullet.JOINT_GEAR, axis, none, none, physicsClientId=self._client)
+        bullet.changeConstraint(gear, gearRatio=ratio, maxForce=1e6, physicsClientId=self._client)
+
+    def _close(self, loop: Loop) -> None:
+        ends = []
+        for link, point in ((loop.link, loop.point), (loop.other_link, loop.other_point)):
+            if link not in self._links:
+                raise UserError(f"a loop is to be closed at link {link!r}, which the model has not; it has {', '.join(self.links)}")
+            _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, self._links[link], physicsClientId=self._client)
+            along = np.reshape(bullet.getMatrixFromQuaternion(turn), (3, 3)).T @ (np.array(point) - place)
+            ends.append((self._links[link], along.tolist()))
+        (one, here), (other, there) = ends
+        bullet.createConstraint(self._body, one, self._body, other, bullet.JOINT_POINT2POINT, [0, 0, 0], here, there, physicsClientId=self._client)
 
     def _mass(self, index: int) -> float:
         return float(bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)[0])
@@ -196,21 +246,32 @@ class World:
         return self._mass(self._links[link])
 
     def set_state(self, q: Array | Sequence[float], dq: Array | Sequence[float]) -> None:
-        """Put the robot at generalized coordinates `q` and velocities `dq`, both of shape (joints,).
+        """Put the robot at generalized coordinates `q` and velocities `dq`, shapes (joints,), of a floating base (7 + joints,) and (6 + joints,).
 
         Raises:
-            UserError: if a length is wrong or a value is not finite.
+            UserError: if a length is wrong, a value is not finite or a quaternion is 0.
         """
         q, dq = np.array(q, float), np.array(dq, float)
         if q.shape != self.q.shape or dq.shape != self.dq.shape:
-            raise UserError(f"set_state takes q and dq of shape ({len(self.joints)},); got {q.shape} and {dq.shape}")
+            raise UserError(f"set_state takes q of shape {self.q.shape} and dq of shape {self.dq.shape}; got {q.shape} and {dq.shape}")
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
             raise UserError(f"set_state takes finite values; got q = {q}, dq = {dq}")
         bullet.restoreState(self._snapshot, physicsClientId=self._client)
+        angles, speeds = q, dq
+        if self.floating:
+            length = float(np.linalg.norm(q[3:BASE_Q]))
+            if not length > 0:
+                raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
+            q[3:BASE_Q] /= length
+            self._put_base(q[:BASE_Q], dq[:BASE_DQ])
+            angles, speeds = q[BASE_Q:], dq[BASE_DQ:]
         # The gear acts on velocities alone and a rotor is round, so its angle may stay 0.
-        positions = [[value] for value in q.tolist()] + [[0.0]] * len(self._rotor_of)
-        velocities = [[value] for value in dq.tolist()] + [[ratio * dq[joint]] for joint, ratio in self._rotor_of]
+        positions = [[value] for value in angles.tolist()] + [[0.0]] * len(self._rotor_of)
+        velocities = [[value] for value in speeds.tolist()] + [[ratio * speeds[joint]] for joint, ratio in self._rotor_of]
         bullet.resetJointStatesMultiDof(self._body, self._state_index, positions, velocities, physicsClientId=self._client)
+        self._angles, self._speeds = angles, speeds
+        if self._flywheels:
+            self._align()
         self.q, self.dq = q, dq
         for hidden in self._hidden:
             hidden.state = None
@@ -225,15 +286,12 @@ class World:
         """
         if not math.isfinite(math.fsum(command)):
             raise UserError(f"step takes finite torques; got {list(command)}")
-        if self._held:
-            self._advance(self._delivered(command))
-        else:
+        if not self._held:
             # Effects index these a lot, which lists answer faster than arrays.
-            lists: Any = (self.q.tolist(), self.dq.tolist())
-            self.q, self.dq = lists
-            for _ in range(self.substeps):
-                self._advance(self._delivered(command))
-        self.q, self.dq = np.array(self.q), np.array(self.dq)
+            self._angles, self._speeds = self._angles.tolist(), self._speeds.tolist()
+        for _ in range(self._advances):
+            self._advance(self._delivered(command))
+        self._settle()
         if self._sensors:
             self._readings.append((self.q, self.dq))
 
@@ -241,15 +299,18 @@ class World:
         """Take a control step under each of `commands`, shape (steps, joints).
 
         Returns:
-            q and dq after each step, both of shape (steps, joints).
+            q and dq after each step, shapes (steps, size of q) and (steps, size of dq).
         """
-        q, dq = np.empty(commands.shape), np.empty(commands.shape)
-        many = 1 if self._held else self.substeps
+        q, dq = np.empty((len(commands), self.q.size)), np.empty((len(commands), self.dq.size))
         for row, command in enumerate(commands.tolist()):
-            for _ in range(many):
+            for _ in range(self._advances):
                 self._advance(self._delivered(command))
-            q[row], dq[row] = self.q, self.dq
-        self.q, self.dq = np.array(self.q), np.array(self.dq)
+            if self.floating:
+                self._settle()
+                q[row], dq[row] = self.q, self.dq
+            else:
+                q[row], dq[row] = self._angles, self._speeds
+        self._settle()
         if self._sensors:
             self._readings += zip(q.copy(), dq.copy(), strict=True)
         return q, dq
@@ -259,7 +320,7 @@ class World:
 
         Args:
             commands: of the physics steps (not control steps) before, shape (physics steps, joints).
-            q, dq: what was recorded at their beginnings, same shape.
+            q, dq: the joints' positions and velocities recorded at their beginnings, same shape.
         """
         for command, position, velocity in zip(commands.tolist(), q.tolist(), dq.tolist(), strict=True):
             for effect, joint, hidden, _ in self._actuators:
@@ -270,12 +331,13 @@ class World:
         if not self._sensors:
             return self.q, self.dq
         q, dq = (np.array(values) for values in zip(*self._readings, strict=True))
+        first = self.q.size - len(self.joints), self.dq.size - len(self.joints)
         for effect, joint in self._sensors:
-            effect.sense(q, dq, joint, self.timestep * self.substeps)
+            effect.sense(q[:, first[0] :], dq[:, first[1] :], joint, self.timestep * self.substeps)
         return q[-1], dq[-1]
 
     def mass_matrix(self, q: Sequence[float] | Array) -> Array:
-        """Generalized inertia at `q`, rotors included, kg m², shape (joints, joints)."""
+        """Generalized inertia of a robot on a fixed base at `q`, rotors included, kg m², shape (joints, joints)."""
         matrix = np.array(bullet.calculateMassMatrix(self._body, self._dofs(q, 0.0), physicsClientId=self._client))
         own = [self._dof_of[index] for index in self._q_index]
         result = matrix[np.ix_(own, own)]
@@ -287,7 +349,10 @@ class World:
         return result
 
     def inverse_dynamics(self, q: Sequence[float] | Array, dq: Sequence[float] | Array, ddq: Sequence[float] | Array) -> Array:
-        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) without effects on joints and the model's damping."""
+        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) without effects on joints and the model's damping.
+
+        Of a robot on a fixed base.
+        """
         torque = bullet.calculateInverseDynamics(self._body, self._dofs(q, 0.0), self._dofs(dq), self._dofs(ddq), physicsClientId=self._client)
         result = np.array([torque[self._dof_of[index]] for index in self._q_index])
         for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
@@ -321,26 +386,114 @@ class World:
         torque = list(command)
         most = [0.0] * len(torque)
         for effect, joint, hidden, rubs in self._actuators:
-            effect.actuate(torque, joint, self.q, self.dq, hidden)
+            effect.actuate(torque, joint, self._angles, self._speeds, hidden)
             if rubs:
-                most[joint] += float(effect.friction(torque, joint, self.q, self.dq))
+                most[joint] += float(effect.friction(torque, joint, self._angles, self._speeds))
         if self._rubbing:
             self._rub(most)
-        if self._forces:
-            torque = [own + pushed for own, pushed in zip(torque, self._pushed(self.q).tolist(), strict=True)]
+        if self._forces and not self.floating:
+            torque = [own + pushed for own, pushed in zip(torque, self._pushed(self._angles).tolist(), strict=True)]
         return torque
 
     def _rub(self, most: list[float]) -> None:
         """Let Bullet's solver hold each joint with at most these torques: dry friction that sticks."""
-        zeros = [0.0] * len(most)
-        bullet.setJointMotorControlArray(self._body, self._q_index, bullet.VELOCITY_CONTROL, targetVelocities=zeros, forces=most, physicsClientId=self._client)
+        for body, indices, places in self._drives:
+            zeros, forces = [0.0] * len(places), [most[place] for place in places]
+            bullet.setJointMotorControlArray(
+                body, indices, bullet.VELOCITY_CONTROL, targetVelocities=zeros, forces=forces, physicsClientId=self._client
+            )
 
     def _advance(self, torque: list[float]) -> None:
-        bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=self._client)
+        if self._flywheels:
+            for body, indices, places in self._drives:
+                forces = [torque[place] for place in places]
+                bullet.setJointMotorControlArray(body, indices, bullet.TORQUE_CONTROL, forces=forces, physicsClientId=self._client)
+        else:
+            bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=self._client)
+        if self._forces and self.floating:
+            self._push()
         bullet.stepSimulation(physicsClientId=self._client)
-        # Plain tuples until `step` is done: within it q and dq are only indexed.
+        # Plain tuples until the control step is done: within it they are only indexed.
         reading: Any = zip(*bullet.getJointStates(self._body, self._q_index, physicsClientId=self._client), strict=True)
-        self.q, self.dq, _, _ = reading
+        self._angles, self._speeds, _, _ = reading
+        if self._flywheels:
+            # The heavy side's speed is the better one where the solver leaves a difference.
+            speeds = list(self._speeds)
+            wheels = bullet.getJointStates(self._wheel_body, range(len(self._flywheels)), physicsClientId=self._client)
+            for joint, wheel in zip(self._flywheels, wheels, strict=True):
+                speeds[joint] = wheel[1]
+            self._speeds = speeds
+
+    def _settle(self) -> None:
+        """Take up the state at the end of a control step."""
+        if self._flywheels:
+            self._align()
+        if self.floating:
+            place, speed = self._base()
+            self.q, self.dq = np.array((*place, *self._angles)), np.array((*speed, *self._speeds))
+            self._angles, self._speeds = self.q[BASE_Q:], self.dq[BASE_DQ:]
+        else:
+            self._angles, self._speeds = np.array(self._angles), np.array(self._speeds)
+            self.q, self.dq = self._angles, self._speeds
+
+    def _align(self) -> None:
+        """Turn the flywheels, whose end stops are the joints', to the joints' angles, from which they drift since gears act on velocities alone."""
+        positions = [[float(self._angles[joint])] for joint in self._flywheels]
+        velocities = [[float(self._speeds[joint])] for joint in self._flywheels]
+        bullet.resetJointStatesMultiDof(self._wheel_body, range(len(positions)), positions, velocities, physicsClientId=self._client)
+
+    def _base(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Place (7 values) and velocity (6) of the base link's frame."""
+        place, turn = bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
+        speed, spin = bullet.getBaseVelocity(self._body, physicsClientId=self._client)
+        if self._base_centre is None:
+            return (*place, *turn), (*speed, *spin)
+        back = bullet.invertTransform(*self._base_centre)
+        origin, turn = bullet.multiplyTransforms(place, turn, *back)
+        speed = np.array(speed) + np.cross(spin, np.subtract(origin, place))
+        return (*origin, *turn), (*speed, *spin)
+
+    def _put_base(self, place: Array, speed: Array) -> None:
+        origin, turn, velocity, spin = place[:3].tolist(), place[3:].tolist(), speed[:3].tolist(), speed[3:].tolist()
+        if self._base_centre is not None:
+            centre, turn = bullet.multiplyTransforms(origin, turn, *self._base_centre)
+            velocity = (np.array(velocity) + np.cross(spin, np.subtract(centre, origin))).tolist()
+            origin = centre
+        bullet.resetBasePositionAndOrientation(self._body, origin, turn, physicsClientId=self._client)
+        bullet.resetBaseVelocity(self._body, velocity, spin, physicsClientId=self._client)
+
+    def _push(self) -> None:
+        """Let the constant forces act on a floating robot in the next physics step."""
+        for link, _, force in self._forces:
+            if link == -1:
+                at = bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)[0]
+            else:
+                at = bullet.getLinkState(self._body, link, computeForwardKinematics=1, physicsClientId=self._client)[0]
+            bullet.applyExternalForce(self._body, link, force.tolist(), at, bullet.WORLD_FRAME, physicsClientId=self._client)
+
+    def _inertia_of(self, joint: int) -> float:
+        """What `joint` offers to a torque, kg m², at the coordinates of the moment."""
+        if not self.floating:
+            return float(1 / np.linalg.inv(self.mass_matrix(self.q))[joint, joint])
+        matrix = np.array(bullet.calculateMassMatrix(self._body, self._dofs(self._angles, 0.0), physicsClientId=self._client))
+        own = BASE_DQ + self._dof_of[self._q_index[joint]]
+        if joint in self._flywheels:
+            matrix[own, own] += bullet.getDynamicsInfo(self._wheel_body, self._flywheels.index(joint), physicsClientId=self._client)[2][2]
+        return float(1 / np.linalg.inv(matrix)[own, own])
+
+    def lowest(self) -> float:
+        """Height, m, of the lowest point of the boxes, along the axes, round the links that can touch something; infinite if none can."""
+        links = [index for index in self._links.values() if bullet.getCollisionShapeData(self._body, index, physicsClientId=self._client)]
+        return min((float(bullet.getAABB(self._body, index, physicsClientId=self._client)[0][2]) for index in links), default=math.inf)
+
+    def render(self, width: int, height: int, *, at: Sequence[float], distance: float, yaw: float = 0.0, pitch: float = -15.0) -> Image:
+        """A picture of the world, shape (height, width, 3), from `distance` m off the point `at`, m, turned by `yaw` and `pitch`, degrees; needs no display."""
+        view = bullet.computeViewMatrixFromYawPitchRoll(list(at), distance, yaw, pitch, 0, 2)
+        lens = bullet.computeProjectionMatrixFOV(50, width / height, 0.05, 100.0)
+        _, _, pixels, _, _ = bullet.getCameraImage(
+            width, height, view, lens, shadow=1, renderer=bullet.ER_TINY_RENDERER, physicsClientId=self._client
+        )
+        return np.reshape(np.asarray(pixels, np.uint8), (height, width, 4))[..., :3]
 
     def has_contact(self) -> bool:
         """Whether the robot touched anything in the last physics step."""

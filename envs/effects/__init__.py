@@ -3,18 +3,31 @@
 from mpge_bench.envs.effects.actuator import (
     BackEmfLimit,
     Backlash,
+    DcMotor,
     DeadZone,
     Delay,
     JointElasticity,
     Lag,
+    Latency,
     PositionServo,
     TorqueBias,
     TorqueGain,
     TorqueLimit,
 )
-from mpge_bench.envs.effects.body import ComOffset, InertiaScale, MassScale, Payload
+from mpge_bench.envs.effects.body import AttachedMass, ComOffset, ContactFriction, InertiaScale, LinkSize, MassScale, Payload
 from mpge_bench.envs.effects.effect import CATALOGUE, Effect, Hidden, Parameter, Scale, effect_from_dict
-from mpge_bench.envs.effects.joint import AirDrag, Armature, CoulombFriction, JointSpring, LoadFriction, StribeckFriction, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects.joint import (
+    AirDrag,
+    Armature,
+    CoulombFriction,
+    JointDamping,
+    JointSpring,
+    LoadFriction,
+    RotorScale,
+    StribeckFriction,
+    UnknownTorque,
+    ViscousFriction,
+)
 from mpge_bench.envs.effects.sensor import SensorBias, SensorDelay, SensorScale
 from mpge_bench.envs.effects.world import ExternalForce, Gravity
 
@@ -22,10 +35,13 @@ __all__ = [
     "CATALOGUE",
     "AirDrag",
     "Armature",
+    "AttachedMass",
     "BackEmfLimit",
     "Backlash",
     "ComOffset",
+    "ContactFriction",
     "CoulombFriction",
+    "DcMotor",
     "DeadZone",
     "Delay",
     "Effect",
@@ -33,14 +49,18 @@ __all__ = [
     "Gravity",
     "Hidden",
     "InertiaScale",
+    "JointDamping",
     "JointElasticity",
     "JointSpring",
     "Lag",
+    "Latency",
+    "LinkSize",
     "LoadFriction",
     "MassScale",
     "Parameter",
     "Payload",
     "PositionServo",
+    "RotorScale",
     "Scale",
     "SensorBias",
     "SensorDelay",

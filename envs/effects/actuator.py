@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+from mpge_bench.envs.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -53,18 +54,30 @@ class Delay(Effect):
     place = 10
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        steps = self.seconds / hidden.timestep
-        whole = int(steps)
-        if hidden.state is None:
-            hidden.state = deque([0.0 * command[joint]] * (whole + 2), maxlen=whole + 2)
-        past = hidden.state
-        past.append(command[joint] + 0.0)
-        # past[1] is `whole` physics steps old, past[0] one more.
-        command[joint] = past[1] + (steps - whole) * (past[0] - past[1])
+        command[joint] = _late(command[joint], 0.0 * command[joint], self.seconds, hidden)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"seconds": seconds} for seconds in (0.004, 0.012, 0.03, 0.06)]
+
+
+@dataclass(frozen=True)
+class Latency(Effect):
+    """What is commanded reaches the joint's controller `seconds` late: of a position-controlled joint its target angle. Until the first command is
+    through, that one is in force."""
+
+    seconds: float
+
+    name = "latency"
+    on = "joint"
+    parameters = {"seconds": Parameter("s", 0.0, 1.0)}
+    remembers = True
+    needs_motor = True
+    #: Before any servo.
+    place = -10
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] = _late(command[joint], command[joint], self.seconds, hidden)
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,7 @@ class DeadZone(Effect):
     place = 20
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        command[joint] = command[joint] - np.minimum(np.maximum(command[joint], -self.torque), self.torque)
+        command[joint] = command[joint] - _cut(command[joint], self.torque)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -167,7 +180,7 @@ class TorqueLimit(Effect):
     place = 60
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        command[joint] = np.minimum(np.maximum(command[joint], -self.torque), self.torque)
+        command[joint] = _cut(command[joint], self.torque)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -191,7 +204,7 @@ class BackEmfLimit(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         torque = command[joint]
         most = np.maximum(0.0, self.stall * (1 - np.abs(dq[joint]) / self.no_load_speed))
-        command[joint] = _pick(torque * dq[joint] > 0, np.minimum(np.maximum(torque, -most), most), torque)
+        command[joint] = _pick(torque * dq[joint] > 0, _cut(torque, most), torque)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -206,9 +219,66 @@ class BackEmfLimit(Effect):
         return self.no_load_speed < 20 * scale.top_speed
 
 
+@dataclass(frozen=True)
+class DcMotor(Effect):
+    """A DC motor behind its driver, in place of one whose torque is `torque_constant` times voltage / `resistance`, so linear in the current.
+
+    The command asks for the voltage that would give that torque at standstill. The back-EMF (`torque_constant` × speed) is taken off it, what is left is
+    cut off at ±`voltage_limit`, and the current it drives gives the torque that was measured at it: straight between the points (`current`, `torque`),
+    flat beyond. (The Minitaur's motor: Tan et al. 2018, *Sim-to-Real*, and PyBullet's motor.py.)
+    """
+
+    torque_constant: float
+    resistance: float
+    voltage_limit: float
+    current: tuple[float, ...]
+    torque: tuple[float, ...]
+
+    name = "dc_motor"
+    on = "joint"
+    parameters = {
+        "torque_constant": Parameter("N m/A", 1e-6, 1e4),
+        "resistance": Parameter("Ω", 1e-6, 1e4),
+        "voltage_limit": Parameter("V", 0.0, 1e5),
+        "current": Parameter("A", 0.0, 1e5, size=None),
+        "torque": Parameter("N m", 0.0, 1e5, size=None),
+    }
+    needs_motor = True
+    place = 65
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.current) != len(self.torque) or not self.current or any(b <= a for a, b in zip(self.current, self.current[1:], strict=False)):
+            raise UserError(f"effect dc_motor on {self.target}: `current` and `torque` must be equally long and `current` must rise")
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        voltage = command[joint] / self.torque_constant * self.resistance - self.torque_constant * dq[joint]
+        current = _cut(voltage, self.voltage_limit) / self.resistance
+        command[joint] = np.sign(current) * np.interp(np.abs(current), self.current, self.torque)
+
+
+def _cut(value: Any, most: Any) -> Any:
+    """`value` cut off at ±`most`; fast for single numbers."""
+    if isinstance(value, float):
+        return most if value > most else -most if value < -most else value
+    return np.minimum(np.maximum(value, -most), most)
+
+
 def _pick(condition: Any, this: Any, other: Any) -> Any:
     """`np.where`, but fast for single numbers, of which a world asks thousands a second."""
     return (this if condition else other) if isinstance(condition, bool) else np.where(condition, this, other)[()]
+
+
+def _late(value: Any, before: Any, seconds: float, hidden: Hidden) -> Any:
+    """The value of `seconds` ago, of those it was called with once a physics step; `before` the first one."""
+    steps = seconds / hidden.timestep
+    whole = int(steps)
+    if hidden.state is None:
+        hidden.state = deque([before + 0.0] * (whole + 2), maxlen=whole + 2)
+    past = hidden.state
+    past.append(value + 0.0)
+    # past[1] is `whole` physics steps old, past[0] one more.
+    return past[1] + (steps - whole) * (past[0] - past[1])
 
 
 class _MotorSide:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -91,14 +92,9 @@ class Payload(Effect):
     parameters = {"mass": Parameter("kg", 0.0, 1e4), "distance": Parameter("m", -10.0, 10.0)}
 
     def install(self, model: Model) -> None:
-        mass, centre, inertia = model.inertial(self.target)
+        _, centre, _ = model.inertial(self.target)
         length = float(np.linalg.norm(centre))
-        at = centre * (self.distance / length) if length > 0 else np.zeros(3)
-        total = mass + self.mass
-        joint = (mass * centre + self.mass * at) / total
-        for weight, offset in ((mass, centre - joint), (self.mass, at - joint)):
-            inertia = inertia + weight * (offset @ offset * np.eye(3) - np.outer(offset, offset))
-        model.set_inertial(self.target, total, joint, inertia)
+        model.add_mass(self.target, self.mass, centre * (self.distance / length) if length > 0 else np.zeros(3))
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -106,3 +102,51 @@ class Payload(Effect):
 
     def is_plausible(self, scale: Scale) -> bool:
         return self.mass < 10 * scale.mass and abs(self.distance) < 5 * scale.length
+
+
+@dataclass(frozen=True)
+class AttachedMass(Effect):
+    """A point mass fixed to the link at `x`, `y`, `z`, m, in the link's frame: a load that is mounted off the middle."""
+
+    mass: float
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+    name = "attached_mass"
+    on = "link"
+    parameters = {"mass": Parameter("kg", 0.0, 1e4)} | {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
+
+    def install(self, model: Model) -> None:
+        model.add_mass(self.target, self.mass, np.array((self.x, self.y, self.z)))
+
+
+@dataclass(frozen=True)
+class LinkSize(Effect):
+    """The link, a capsule, is `length` times as long and `radius` times as thick; density stays, and the joints it carries move out."""
+
+    length: float = 1.0
+    radius: float = 1.0
+
+    name = "link_size"
+    on = "link"
+    parameters = {"length": Parameter("1", 0.05, 20.0, neutral=1.0), "radius": Parameter("1", 0.05, 20.0, neutral=1.0)}
+
+    def install(self, model: Model) -> None:
+        model.resize(self.target, self.length, self.radius)
+
+
+@dataclass(frozen=True)
+class ContactFriction(Effect):
+    """The link's (``"*"``: every link's) coefficient of friction in contact is `coefficient`, whatever the model says; Bullet multiplies it with the
+    ground's."""
+
+    coefficient: float
+
+    name = "contact_friction"
+    on = "link"
+    parameters = {"coefficient": Parameter("1", 0.0, 10.0, neutral=math.inf)}
+
+    def install(self, model: Model) -> None:
+        for link in model.touching() if self.target == "*" else (self.target,):
+            model.set_friction(link, self.coefficient)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +148,6 @@ class Armature(Effect):
     name = "armature"
     on = "joint"
     parameters = {"inertia": Parameter("kg m²", 0.0, 1e4)}
-    maps_command = False
     steady = True
     place = 95
 
@@ -157,6 +157,36 @@ class Armature(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"inertia": 0.1 * scale.inertia}]
+
+
+@dataclass(frozen=True)
+class JointDamping(Effect):
+    """The joint's own damping is `damping`, whatever the model says: a torque ``damping * dq`` opposes the motion."""
+
+    damping: float
+
+    name = "joint_damping"
+    on = "joint"
+    parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4, neutral=math.inf)}
+    steady = True
+
+    def install(self, model: Model) -> None:
+        model.set_damping(self.target, self.damping)
+
+
+@dataclass(frozen=True)
+class RotorScale(Effect):
+    """The inertia of the rotor (armature) that the robot has at this joint is `factor` times as large."""
+
+    factor: float
+
+    name = "rotor_scale"
+    on = "joint"
+    parameters = {"factor": Parameter("1", 0.01, 100.0, neutral=1.0)}
+    steady = True
+
+    def install(self, model: Model) -> None:
+        model.scale_rotor(self.target, self.factor)
 
 
 @dataclass(frozen=True)

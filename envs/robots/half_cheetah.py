@@ -39,21 +39,21 @@ class HalfCheetah(Runner):
     nominal = tuple(JointSpring(joint, stiffness) for joint, stiffness in _STIFFNESS.items())
     observation_size = 17
     control_cost = 0.1
-    height = 0.7
+    stature = 0.7
 
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:
         q = rng.uniform(-0.1, 0.1, 9)
-        q[1] += self.height
+        q[1] += self.stature
         return q, 0.1 * rng.standard_normal(9)
 
     def observation(self, q: Array, dq: Array) -> Array:
         observation = super().observation(q, dq)
-        observation[0] -= self.height
+        observation[0] -= self.stature
         return observation
 
     def state(self, observation: Array) -> tuple[Array, Array]:
         q, dq = super().state(observation)
-        q[1] += self.height
+        q[1] += self.stature
         return q, dq
 
     def terminated(self, q: Array, dq: Array) -> bool:

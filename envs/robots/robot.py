@@ -5,13 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.envs.effects import LinkSize
 from mpge_bench.envs.effects.effect import Effect
-from mpge_bench.envs.world import World
+from mpge_bench.envs.model import Model
+from mpge_bench.envs.world import BASE_DQ, BASE_Q, Loop, World
 
 Array = npt.NDArray[np.float64]
 MODELS = Path(__file__).parent / "models"
@@ -20,16 +22,20 @@ MODELS = Path(__file__).parent / "models"
 class Robot(ABC):
     """A robot and its task; one stateless object, shared by source and target.
 
-    State is the pair of generalized coordinates q and velocities dq, both of shape (joints,), in SI units and in the order of `joints`. Action is
-    the vector the agent gives, shape (actuators,), clipped to ±`action_limit`; gear times action is the torque (or force) of the actuator's joint.
+    State is the pair of generalized coordinates q and velocities dq as `World` has them: in SI units, one a joint in the order of `joints`, those of a
+    floating base before them. Action is the vector the agent gives, shape (actuators,), clipped to ±`action_limit`; gear times action is the
+    torque (or force) of the actuator's joint, unless the robot's `command` says otherwise.
     """
 
     name: ClassVar[str]
     model: ClassVar[Path]
+    floating: ClassVar[bool] = False
     #: Physics step, s, and how many of them make one control step.
     timestep: ClassVar[float]
     substeps: ClassVar[int]
     iterations: ClassVar[int] = 10
+    #: m/s², along z.
+    gravity: ClassVar[float] = -9.81
     #: Friction of the ground plane; None where there is no ground.
     friction: ClassVar[float | None] = 1.0
     joints: ClassVar[tuple[str, ...]]
@@ -38,8 +44,13 @@ class Robot(ABC):
     action_limit: ClassVar[float]
     #: Rotor inertia by joint, kg m².
     armature: ClassVar[Mapping[str, float]] = {}
+    #: Controllers between the agent's command and the motors' torque; where there are any, a command is what they take, an angle say.
+    servos: ClassVar[Sequence[Effect]] = ()
     #: Physics of the robot itself that Bullet lacks, such as springs.
     nominal: ClassVar[Sequence[Effect]] = ()
+    loops: ClassVar[Sequence[Loop]] = ()
+    #: Where in q the robot's height stands; None where it has none, as on a rail.
+    height: ClassVar[int | None] = None
     observation_size: ClassVar[int]
     episode_steps: ClassVar[int] = 1000
 
@@ -53,18 +64,46 @@ class Robot(ABC):
         """Gear of each actuator, shape (actuators,)."""
         return np.array(list(self.actuators.values()))
 
-    def world(self, effects: Sequence[Effect] = ()) -> World:
-        """A world with this robot in it, changed by `effects`."""
+    def load(self) -> Model:
+        """The robot's model, as the source has it."""
+        return Model(self.model, floating=self.floating)
+
+    def world(self, effects: Sequence[Effect] = (), *, seen: bool = False) -> World:
+        """A world with this robot in it, changed by `effects`; `seen` says whether it is to be looked at."""
+        servo = min((effect.place for effect in self.servos), default=None)
+        early = [effect for effect in effects if servo is not None and effect.place < servo]
         return World(
-            self.model,
+            self.load(),
             timestep=self.timestep,
             substeps=self.substeps,
+            gravity=self.gravity,
             friction=self.friction,
             armature=self.armature,
             iterations=self.iterations,
+            loops=self.loops,
             # The target's effects act on the motor's command; the robot's own springs come after.
-            effects=[*effects, *self.nominal],
+            effects=[*early, *self.servos, *(effect for effect in effects if effect not in early), *self.nominal],
+            seen=seen,
         )
+
+    def command(self, action: Array) -> list[float]:
+        """What each actuator is commanded under `action`, shape (actuators,), within the limits: N m or N, or what the robot's servos take."""
+        return (action * self.gears).tolist()  # type: ignore[no-any-return]
+
+    def rise(self, effects: Sequence[Effect]) -> float:
+        """How much higher, m, the robot has to start for its feet to be where they are without `effects`, which may have given it longer legs."""
+        if self.height is None or not any(isinstance(effect, LinkSize) for effect in effects):
+            return 0.0
+        lowest = []
+        for installed in (effects, ()):
+            world = self.world(installed)
+            world.set_state(*self.initial_state(np.random.default_rng(0)))
+            lowest.append(world.lowest())
+        return lowest[1] - lowest[0]
+
+    def camera(self, q: Array) -> dict[str, Any]:
+        """From where `World.render` shows the robot well."""
+        return {"at": (float(q[0]), 0.0, 0.2), "distance": 2.5}
 
     @abstractmethod
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -80,7 +119,7 @@ class Robot(ABC):
 
     @abstractmethod
     def reward(self, q_before: Array, q: Array, action: Array) -> float:
-        """Reward of a control step from `q_before` to `q` in which the agent chose `action`."""
+        """Reward of a control step from `q_before` to `q` in which the agent chose `action`, within the limits."""
 
     @abstractmethod
     def terminated(self, q: Array, dq: Array) -> bool:
@@ -91,6 +130,7 @@ class Runner(Robot):
     """What the planar runners share: a root of two slides and a hinge, no x in the observation, reward for the speed along x."""
 
     control_cost: ClassVar[float]
+    height = 1
     healthy_reward: ClassVar[float] = 0.0
     velocity_clip: ClassVar[float] = np.inf
 
@@ -99,6 +139,9 @@ class Runner(Robot):
             dq = np.minimum(np.maximum(dq, -self.velocity_clip), self.velocity_clip)
         return np.concatenate((q[1:], dq))
 
+    def camera(self, q: Array) -> dict[str, Any]:
+        return {"at": (float(q[0]), 0.0, 0.8), "distance": 3.0}
+
     def state(self, observation: Array) -> tuple[Array, Array]:
         positions = len(self.joints) - 1
         return np.concatenate(([0.0], observation[:positions])), np.array(observation[positions:])
@@ -106,3 +149,42 @@ class Runner(Robot):
     def reward(self, q_before: Array, q: Array, action: Array) -> float:
         speed = (q[0] - q_before[0]) / self.dt
         return float(self.healthy_reward + speed - self.control_cost * (action @ action))
+
+
+class Walking(Robot):
+    """What the robots on a floating base share: an observation of q without x and y, then dq, orientation and spin as MuJoCo has them.
+
+    Observation: z, the base's orientation (quaternion w, x, y, z), the joints' positions; the base's velocity along the world's axes, its angular velocity
+    along its own, the joints' velocities. Another sign of the quaternion is the same orientation; w is never negative.
+    """
+
+    floating = True
+    height = 2
+
+    def camera(self, q: Array) -> dict[str, Any]:
+        return {"at": (float(q[0]), float(q[1]), 0.3), "distance": 3.0, "yaw": 30.0, "pitch": -20.0}
+
+    def observation(self, q: Array, dq: Array) -> Array:
+        x, y, z, w = q[3:BASE_Q]
+        sign = -1.0 if w < 0 else 1.0
+        observation = np.concatenate((q[2:], dq))
+        observation[1:5] = sign * w, sign * x, sign * y, sign * z
+        spin = len(q) - 2 + 3
+        observation[spin : spin + 3] = _turned(dq[3:BASE_DQ], -x, -y, -z, w)
+        return observation
+
+    def state(self, observation: Array) -> tuple[Array, Array]:
+        joints = len(self.joints)
+        w, x, y, z = observation[1:5]
+        q = np.concatenate(([0.0, 0.0, observation[0], x, y, z, w], observation[5 : 5 + joints]))
+        dq = np.array(observation[5 + joints :])
+        dq[3:BASE_DQ] = _turned(dq[3:BASE_DQ], x, y, z, w)
+        return q, dq
+
+
+def _turned(vector: Array, x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
+    """`vector` turned by the unit quaternion (x, y, z, w)."""
+    a, b, c = vector.tolist()
+    # v + 2 r × (r × v + w v), r = (x, y, z)
+    d, e, f = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
+    return a + 2 * (y * f - z * e), b + 2 * (z * d - x * f), c + 2 * (x * e - y * d)

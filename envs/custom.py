@@ -1,0 +1,61 @@
+"""A user's own pair: a YAML file or a module with a robot, shipped or described, and a list of effects."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import yaml
+
+from mpge_bench.envs.effects import effect_from_dict
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.robots import ROBOTS
+from mpge_bench.envs.robots.urdf_robot import UrdfRobot
+from mpge_bench.envs.task import Task
+
+
+def import_task(name: str) -> Task:
+    """The pair called ``module:attribute``.
+
+    Raises:
+        UserError: if there is none.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(f"{name}: cannot be imported ({error}); give MODULE:NAME, where NAME is a mpge_bench.envs.Task") from error
+    if not isinstance(found, Task):
+        raise UserError(f"{name}: is a {type(found).__name__}, not a mpge_bench.envs.Task")
+    return found
+
+
+def read_task(path: Path) -> Task:
+    """The pair in the YAML file `path`: ``robot`` (the name of a shipped one, or what `UrdfRobot` takes), ``effects``, and optionally ``name``, ``summary``.
+
+    Raises:
+        UserError: if the file cannot be read, or robot or effects are not right; source and target are loaded to find out.
+    """
+    try:
+        data = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path}: not a readable YAML file ({' '.join(str(error).split())}); give the path of a pair") from error
+    if not isinstance(data, dict) or not {"robot", "effects"} <= set(data) <= {"name", "robot", "effects", "summary"}:
+        got = ", ".join(map(str, data)) if isinstance(data, dict) else "no mapping"
+        raise UserError(f"{path}: a pair has robot and effects, and may have name and summary; got {got}")
+    robot, effects, name = data["robot"], data["effects"], data.get("name", path.stem)
+    if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name):
+        raise UserError(f"{path}: the name is {name!r}; choose one of letters, digits, _ and -")
+    if isinstance(robot, str) and robot not in ROBOTS:
+        raise UserError(f"{path}: unknown robot {robot!r}; choose one of {', '.join(ROBOTS)}, or describe your own (model, actuators, ...)")
+    if not isinstance(effects, list) or not effects:
+        raise UserError(f"{path}: effects is a list of at least one effect, such as - {{effect: torque_gain, target: elbow, gain: 0.6}}")
+    try:
+        body = ROBOTS[robot] if isinstance(robot, str) else UrdfRobot.from_dict(name, robot, path.parent)
+        task = Task(name, body, tuple(map(effect_from_dict, effects)), str(data.get("summary", "")), "")
+        task.source()
+        task.target()
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    return task

@@ -1,0 +1,53 @@
+"""PyBullet, imported and loading models without the noise it prints from C."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """PyBullet prints from C while it is imported and while it loads a model; that noise is kept from the user's terminal."""
+    libc = ctypes.CDLL(None)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    saved = [os.dup(stream) for stream in (1, 2)]
+    with open(os.devnull, "w") as sink:
+        for stream in (1, 2):
+            os.dup2(sink.fileno(), stream)
+    try:
+        yield
+    finally:
+        libc.fflush(None)
+        for stream, copied in zip((1, 2), saved, strict=True):
+            os.dup2(copied, stream)
+            os.close(copied)
+
+
+with _quiet():
+    import pybullet as bullet
+
+
+def load_urdf(text: bytes, client: int, *, fixed: bool, flags: int = 0) -> int:
+    """Load the URDF file `text` into the world of `client`; its body's number.
+
+    Raises:
+        bullet.error: if PyBullet cannot load it.
+    """
+    with tempfile.NamedTemporaryFile("wb", suffix=".urdf") as file, _quiet():
+        file.write(text)
+        file.flush()
+        return int(bullet.loadURDF(file.name, useFixedBase=fixed, flags=flags, physicsClientId=client))
+
+
+def link_names(body: int, client: int) -> dict[int, str]:
+    """Every link's name by its index; the base's is -1."""
+    names = {-1: bullet.getBodyInfo(body, physicsClientId=client)[0].decode()}
+    for index in range(bullet.getNumJoints(body, physicsClientId=client)):
+        names[index] = bullet.getJointInfo(body, index, physicsClientId=client)[12].decode()
+    return names
