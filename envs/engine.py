@@ -8,6 +8,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 
 @contextlib.contextmanager
@@ -31,6 +32,10 @@ def _quiet() -> Iterator[None]:
 
 with _quiet():
     import pybullet as bullet
+    import pybullet_data
+
+#: Folder of the models that come with PyBullet.
+BULLET_DATA = Path(pybullet_data.getDataPath())
 
 
 def load_urdf(text: bytes, client: int, *, fixed: bool, flags: int = 0) -> int:
@@ -51,3 +56,6 @@ def link_names(body: int, client: int) -> dict[int, str]:
     for index in range(bullet.getNumJoints(body, physicsClientId=client)):
         names[index] = bullet.getJointInfo(body, index, physicsClientId=client)[12].decode()
     return names
+
+
+__all__ = ["BULLET_DATA", "bullet", "link_names", "load_urdf"]

@@ -75,7 +75,7 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         paid = clipped if chosen is executed else np.minimum(np.maximum(chosen, self._low), self._high)
         return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
 
-    def render(self) -> npt.NDArray[np.uint8]:  # type: ignore[override]
+    def render(self) -> npt.NDArray[np.uint8]:
         """A picture of the robot as it stands, shape (300, 400, 3); needs no display."""
         # A world of its own, so that looking changes nothing.
         self._view = self._view or self.robot.world(self.effects, seen=True)

@@ -104,7 +104,8 @@ FAMILIES: dict[str, Family] = {
                 "friction": (0.5, 2.0, ""),
                 "armature": (0.5, 2.0, "kg m²"),
             },
-            "Lengths are those of the capsules' cylinders; masses follow from the volumes. The robot starts as high as its legs make it; it falls below 0.7 m as ever.",
+            "Lengths are those of the capsules' cylinders; masses follow from the volumes. The robot starts as high as its legs make it; an episode ends below"
+            " 0.7 m as ever.",
         ),
         Family(
             "multipolar_ant",

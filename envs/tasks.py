@@ -66,8 +66,8 @@ TASKS: dict[str, Task] = {
             (ContactFriction("foot", 2.2),),
             "the foot's friction 2.0 → 2.2",
             _GARAT,
-            "At 2.0 the foot hardly ever slips in PyBullet, so that 2.2 changes next to nothing (GARAT's figure: most methods do well there, too). Its stronger twin"
-            " is slippery_hopper.",
+            "At 2.0 the foot hardly ever slips in PyBullet, so that 2.2 changes next to nothing (in GARAT, too, most methods do well here). Its stronger"
+            " twin is slippery_hopper.",
         ),
         Task("heavy_walker", _WALKER, (MassScale("torso", 10 / 3.53429174),), "the torso's mass 3.53 → 10.0 kg", _GARAT),
         Task("ant_gravity", ROBOTS["light_ant"], (Gravity("world", (0.0, 0.0, -9.81)),), "gravity -4.91 → -9.81 m/s²", _GARAT),

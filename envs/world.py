@@ -13,14 +13,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pybullet_data
 
 from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
-from mpge_bench.envs.engine import bullet, load_urdf
+from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model, rotor_of
-
 
 Array = npt.NDArray[np.float64]
 
@@ -126,7 +124,7 @@ class World:
         if self.floating:
             bullet.changeDynamics(self._body, -1, linearDamping=0, angularDamping=0, physicsClientId=self._client)
             bullet.changeDynamics(self._body, -1, maxJointVelocity=1e6, physicsClientId=self._client)
-            self._links = {bullet.getBodyInfo(self._body, physicsClientId=self._client)[0].decode(): -1, **self._links}
+            self._links = {link_names(self._body, self._client)[-1]: -1, **self._links}
         #: Links that have mass.
         self.links = tuple(self._links)
         self._q_index = [indices[name][0] for name in self.joints]
@@ -155,7 +153,7 @@ class World:
             self._close(loop)
         if friction is not None:
             if seen:
-                ground = bullet.loadURDF(str(Path(pybullet_data.getDataPath()) / "plane.urdf"), physicsClientId=self._client)
+                ground = bullet.loadURDF(str(BULLET_DATA / "plane.urdf"), physicsClientId=self._client)
             else:
                 plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
                 ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
@@ -418,7 +416,7 @@ class World:
         self._angles, self._speeds, _, _ = reading
         if self._flywheels:
             # The heavy side's speed is the better one where the solver leaves a difference.
-            speeds = list(self._speeds)
+            speeds: Any = list(self._speeds)
             wheels = bullet.getJointStates(self._wheel_body, range(len(self._flywheels)), physicsClientId=self._client)
             for joint, wheel in zip(self._flywheels, wheels, strict=True):
                 speeds[joint] = wheel[1]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
-import pybullet_data
 
 from mpge_bench.envs.effects import PositionServo, TorqueLimit
+from mpge_bench.envs.engine import BULLET_DATA
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.robot import Array, Walking
 from mpge_bench.envs.world import Loop
@@ -49,7 +48,7 @@ class Minitaur(Walking):
     """
 
     name = "minitaur"
-    model = Path(pybullet_data.getDataPath()) / "quadruped" / "minitaur.urdf"
+    model = BULLET_DATA / "quadruped" / "minitaur.urdf"
     timestep = 0.002
     substeps = 5
     iterations = 60
@@ -64,11 +63,14 @@ class Minitaur(Walking):
         Loop(f"lower_leg_{leg}R_link", (0.0, 0.005, 0.2), f"lower_leg_{leg}L_link", (0.0, 0.01, 0.2)) for leg in _LEGS
     )
 
-    @functools.cache
-    def load(self) -> Model:
+    @functools.cached_property
+    def _model(self) -> Model:
         model = super().load()
         model.take_inertia_of_shapes()
         return model
+
+    def load(self) -> Model:
+        return self._model
 
     def command(self, action: Array) -> list[float]:
         swing, extension = np.repeat(action[:4], 2), np.repeat(action[4:], 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.robot import Array, Robot, Walking
 
 
@@ -86,13 +88,24 @@ class UrdfRobot(Robot):
             raise UserError("robot: timestep must be above 0, substeps and episode_steps whole numbers of at least 1")
         return kind(**{**data, "name": name, "model": folder / str(data["model"])})
 
-    @property
+    @functools.cached_property
+    def _model(self) -> Model:
+        return super().load()
+
+    def load(self) -> Model:
+        return self._model
+
+    @functools.cached_property
     def joints(self) -> tuple[str, ...]:  # type: ignore[override]
-        return self.load().joints
+        return self._model.joints
 
     @property
     def observation_size(self) -> int:  # type: ignore[override]
         return 2 * len(self.joints)
+
+    @functools.cached_property
+    def _target(self) -> Array:
+        return self._pose(self.goal)
 
     def _pose(self, values: Mapping[str, float]) -> Array:
         return np.array([values.get(joint, 0.0) for joint in self.joints])
@@ -109,7 +122,7 @@ class UrdfRobot(Robot):
         return np.array(observation[:count]), np.array(observation[count:])
 
     def reward(self, q_before: Array, q: Array, action: Array) -> float:
-        miss = q - self._pose(self.goal)
+        miss = q - self._target
         return math.exp(-float(miss @ miss)) - 1e-3 * float(action @ action)
 
     def terminated(self, q: Array, dq: Array) -> bool:
@@ -127,7 +140,7 @@ class UrdfWalker(Walking, UrdfRobot):
         friction: of the ground plane at z = 0; 1 if not given.
     """
 
-    friction: float | None = 1.0
+    friction: float | None = 1.0  # type: ignore[misc]
     start_height: float = 0.5
 
     @property

@@ -23,7 +23,7 @@ class Walker(Runner):
     timestep = 0.004
     substeps = 2
     joints = ("rootx", "rootz", "rooty", "thigh_joint", "leg_joint", "foot_joint", "thigh_left_joint", "leg_left_joint", "foot_left_joint")
-    actuators = {joint: 100.0 for joint in joints[3:]}
+    actuators = dict.fromkeys(joints[3:], 100.0)
     action_limit = 1.0
     observation_size = 17
     control_cost = 1e-3
