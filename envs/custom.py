@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -28,7 +29,7 @@ def import_task(name: str) -> Task:
         raise UserError(f"{name}: cannot be imported ({error}); give MODULE:NAME, where NAME is a mpge_bench.envs.Task") from error
     if not isinstance(found, Task):
         raise UserError(f"{name}: is a {type(found).__name__}, not a mpge_bench.envs.Task")
-    return found
+    return replace(found, address=name)
 
 
 def read_task(path: Path) -> Task:
@@ -53,7 +54,7 @@ def read_task(path: Path) -> Task:
         raise UserError(f"{path}: effects is a list of at least one effect, such as - {{effect: torque_gain, target: elbow, gain: 0.6}}")
     try:
         body = ROBOTS[robot] if isinstance(robot, str) else UrdfRobot.from_dict(name, robot, path.parent)
-        task = Task(name, body, tuple(map(effect_from_dict, effects)), str(data.get("summary", "")), "")
+        task = Task(name, body, tuple(map(effect_from_dict, effects)), str(data.get("summary", "")), "", address=str(path))
         task.source()
         task.target()
     except UserError as error:

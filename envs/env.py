@@ -68,12 +68,16 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         """
         world, robot = self.world, self.robot
         clipped = np.minimum(np.maximum(executed, self._low), self._high)
-        for joint, command in zip(self._driven, robot.command(clipped), strict=True):
-            self._command[joint] = command
         before = world.q
-        world.step(self._command)
+        world.step(self.commanded(clipped))
         paid = clipped if chosen is executed else np.minimum(np.maximum(chosen, self._low), self._high)
         return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
+
+    def commanded(self, action: Array) -> list[float]:
+        """What every joint is commanded under `action`, within the limits: N m or N, or what the robot's servos take; 0 where nothing drives it."""
+        for joint, command in zip(self._driven, self.robot.command(action), strict=True):
+            self._command[joint] = command
+        return self._command
 
     def render(self) -> npt.NDArray[np.uint8]:
         """A picture of the robot as it stands, shape (300, 400, 3); needs no display."""

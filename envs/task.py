@@ -23,6 +23,7 @@ class Task:
         summary: one line on how the target differs.
         citation: where the pair is from.
         note: what else to know about it.
+        address: what `get_task` finds it by; its name unless it is a user's own.
     """
 
     name: str
@@ -31,6 +32,11 @@ class Task:
     summary: str
     citation: str
     note: str = ""
+    address: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", tuple(self.effects))
+        object.__setattr__(self, "address", self.address or self.name)
 
     def source(self) -> RobotEnv:
         """A new source environment."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
@@ -11,9 +12,9 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Table
 
-from mpge_bench.envs import TASKS, get_task
+from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 
 app = typer.Typer(
@@ -50,7 +51,7 @@ def run(
     """
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness import run as harness
-    from mpge_bench.policies import FOLDER
+    from mpge_bench.policies import home
 
     settings = harness.RunSettings(task, method, samples, preset, seed)
     folder = settings.folder(out)
@@ -59,7 +60,7 @@ def run(
         _show(harness.read_result(folder / "result.json"), folder)
         return
     with ConsoleProgress() as progress:
-        result = harness.run(settings, out, policy_folder=policies or FOLDER, jobs=jobs, progress=progress)
+        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress)
     _show(result, folder)
 
 
@@ -82,14 +83,14 @@ def sweep(
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness.run import RunSettings
-    from mpge_bench.policies import FOLDER
+    from mpge_bench.policies import home
 
     plan = [RunSettings(t, m, n, preset, s) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
     failed: list[str] = []
     try:
         with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
             progress.stage(f"{len(plan)} runs", len(plan))
-            for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or FOLDER) for settings in plan]):
+            for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or home(settings.task)) for settings in plan]):
                 name = settings.folder(Path())
                 if error:
                     failed.append(f"{name}: {error}")
@@ -130,14 +131,15 @@ def train_policies(
     """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card."""
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.policies import FOLDER, SEEDS, policy_path
+    from mpge_bench.policies import FOLDER, SEEDS, home, policy_path
 
-    pair, folder = get_task(task), out or FOLDER
+    pair, folder = get_task(task), out or home(task)
     if kind not in ("source", "target", "both"):
         raise UserError(f"unknown kind {kind!r}; choose source, target or both")
     plan = [(one, seed) for one in ("source", "target") if kind in (one, "both") for seed in SEEDS[one]]
     if not force:
-        plan = [item for item in plan if not policy_path(pair, *item, folder).exists()]
+        places = {folder} if out else {folder, FOLDER}
+        plan = [item for item in plan if not any(policy_path(pair, *item, place).exists() for place in places)]
     if not plan:
         _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
         return
@@ -212,11 +214,11 @@ def record(
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis import record as recorder
     from mpge_bench.diagnosis.recording import FEWEST_ROWS, SHORTEST
-    from mpge_bench.policies import FOLDER
+    from mpge_bench.policies import home
 
     settings = recorder.RecordSettings(task, source, episodes, policy, seed, seconds, noise_q, noise_dq, format)
     with ConsoleProgress() as progress:
-        tables = recorder.record(settings, out, overwrite=overwrite, policy_folder=policies or FOLDER, progress=progress)
+        tables = recorder.record(settings, out, overwrite=overwrite, policy_folder=policies or home(task), progress=progress)
     spans = {path: float(table["time"].iloc[-1]) for path, table in tables.items()}
     for path, table in tables.items():
         _out.print(f"{path}: {len(table)} rows, {spans[path]:.2f} s", soft_wrap=True)
@@ -295,13 +297,35 @@ def leaderboard(
 
 
 @app.command()
-def tasks() -> None:
-    """List the source/target pairs."""
-    drawn = Table(Column("task", no_wrap=True), "robot", "the target differs by", "effects", "from")
-    for task in TASKS.values():
-        effects = ", ".join(f"{effect.name}:{effect.target}" for effect in task.effects)
-        drawn.add_row(task.name, task.robot.name, task.summary, effects, task.citation)
-    _out.print(drawn)
+def tasks(
+    task: Annotated[str | None, typer.Argument(help="Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+) -> None:
+    """List the source/target pairs, or show one pair's page: what differs, where it is from, and how large the mismatch is.
+
+    Examples: python -m mpge_bench tasks, python -m mpge_bench tasks ant_gravity, python -m mpge_bench tasks path/to/pair.yaml --json
+
+    The mismatch is measured on random transitions of the target: the distance of the next states that source and target reach, in spreads of the state's
+    change in a control step, and how much of it the best action transformation there is can remove. Of shipped pairs it is stored, of others it is
+    measured on the spot, which takes some seconds.
+    """
+    from mpge_bench import pairs
+    from mpge_bench.console import ConsoleProgress
+
+    if task is None:
+        found = pairs.overview()
+        if as_json:
+            print(json.dumps(found, indent=1))
+        else:
+            _out.print(pairs.table(found))
+            _out.print(pairs.families_table())
+        return
+    with ConsoleProgress() as progress:
+        page = pairs.page(get_task(task), progress)
+    if as_json:
+        print(json.dumps(page, indent=1))
+    else:
+        _out.print(pairs.text(page), markup=False, soft_wrap=True)
 
 
 @app.command()

@@ -61,9 +61,13 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     return path
 
 
+def home(task: str) -> Path:
+    """Where the policies of the pair that `get_task` calls `task` are kept: the shipped ones' folder, or one beside a user's own YAML file."""
+    return Path(task).parent / "policies" if task.endswith((".yaml", ".yml")) else FOLDER
+
 
 def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
-    """All policies of the robot ("source") or of the pair ("target").
+    """All policies of the robot ("source") or of the pair ("target"), from `folder` or, where that lacks one, from the shipped ones.
 
     Raises:
         UserError: if a file is missing, corrupt or of another robot.
@@ -72,6 +76,10 @@ def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
     for seed in SEEDS[kind]:
         path = policy_path(task, kind, seed, folder)
         if not path.exists():
-            raise UserError(f"{path}: this {kind} policy is missing; `python -m mpge_bench train-policies --task {task.name}` makes it")
+            path = policy_path(task, kind, seed)
+        if not path.exists():
+            raise UserError(
+                f"{policy_path(task, kind, seed, folder)}: this {kind} policy is missing; `python -m mpge_bench train-policies --task {task.address}` makes it"
+            )
         states.append(load_state(path, task.robot.observation_size, len(task.robot.actuators)))
     return PolicySet([arrays(state) for state in states], task.robot.action_limit)

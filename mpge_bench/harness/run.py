@@ -24,9 +24,19 @@ from mpge_bench.baselines.policy import PolicySet, arrays
 from mpge_bench.baselines.presets import PRESETS, load_preset
 from mpge_bench.baselines.problem import Problem, merge, roll_out
 from mpge_bench.baselines.progress import Progress, Silent
-from mpge_bench.envs import get_task
+from mpge_bench.envs import Task, get_task
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.metrics import SEED, Returns, action_transformation_error, normalized_return, returns, transition_error
+from mpge_bench.harness.metrics import (
+    ERROR_STEPS,
+    SEED,
+    Returns,
+    action_transformation_error,
+    action_transformation_floor,
+    normalized_return,
+    returns,
+    transition_error,
+    transition_floor,
+)
 
 SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -36,7 +46,11 @@ _PROBE = 1000
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What identifies a run; its result lies in a folder named after it."""
+    """What identifies a run; its result lies in a folder named after it.
+
+    Attributes:
+        task: what `get_task` takes: a pair's name, an instance of a family, or a user's own.
+    """
 
     task: str
     method: str
@@ -46,12 +60,17 @@ class RunSettings:
 
     def folder(self, out: Path) -> Path:
         """Where under `out` the result goes."""
-        return out / self.task / self.method / f"n{self.samples}" / self.preset / f"seed{self.seed}"
+        return out / _name(self.task) / self.method / f"n{self.samples}" / self.preset / f"seed{self.seed}"
 
     def partial(self, out: Path) -> Path:
         """The folder that takes the files until all are there."""
         folder = self.folder(out)
         return folder.with_name(folder.name + ".partial")
+
+
+@functools.cache
+def _name(task: str) -> str:
+    return get_task(task).name
 
 
 def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLDER, jobs: int = 1, progress: Progress | None = None) -> dict[str, Any]:
@@ -64,9 +83,12 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
     """
     progress = progress or Silent()
     folder = settings.folder(out)
-    if (folder / "result.json").exists():
-        return read_result(folder / "result.json")
     task, method = get_task(settings.task), get_method(settings.method)
+    if (folder / "result.json").exists():
+        found = read_result(folder / "result.json")
+        if found.get("pair", task.to_dict()) != task.to_dict():
+            raise UserError(f"{folder} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
+        return found
     if settings.preset not in PRESETS:
         raise UserError(f"unknown preset {settings.preset!r}; choose one of: {', '.join(PRESETS)}")
     chosen = load_preset(method.preset, settings.preset, task.name) if method.preset else {}
@@ -90,27 +112,30 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         policy = PolicySet([arrays(result.policy)], task.robot.action_limit)
         found = {
             "policy": returns(task.target, policy),
-            "direct": _reference(task.name, "source", policy_folder),
-            "target_optimal": _reference(task.name, "target", policy_folder),
+            "direct": _reference(settings.task, "source", policy_folder),
+            "target_optimal": _reference(settings.task, "target", policy_folder),
             "grounded": returns(task.source, policy, transformation=result.grounding) if result.grounding else None,
         }
         probe = merge([roll_out(task.target, sources, index, _PROBE // len(sources), SEED) for index in range(len(sources))])
-        action_error, curve = action_transformation_error, _curve(settings, result)
+        curve = _curve(task, result)
         data = {
             "schema": SCHEMA,
             **asdict(settings),
+            "task": task.name,
+            "pair": task.to_dict(),
             "settings": chosen,
             "target_samples": problem.drawn,
             "returns": {name: asdict(value) if value else None for name, value in found.items()},
-            "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),  # type: ignore[union-attr]
+            "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),
             "action_transformation_error": {
-                "value": action_error(task, result.grounding) if result.grounding else None,
-                "source": action_error(task, None),
-                "floor": 0.0 if task.has_action_transformation else None,
+                "value": action_transformation_error(task, result.grounding) if result.grounding else None,
+                "source": action_transformation_error(task, None),
+                "floor": action_transformation_floor(task),
             },
             "transition_error": {
                 "value": transition_error(task, probe, result.grounding) if result.grounding else None,
                 "source": transition_error(task, probe),
+                "floor": transition_floor(task, probe),
             },
             "curve": "curve.parquet" if len(curve) else None,
             "policy": "policy.safetensors",
@@ -157,14 +182,11 @@ def read_result(path: Path) -> dict[str, Any]:
     return dict(data)
 
 
-def _curve(settings: RunSettings, result: Result) -> pd.DataFrame:
-    """The action-transformation error by grounding steps, of all members together."""
-    task = get_task(settings.task)
-    rows = []
-    if task.has_action_transformation:
-        for steps, grounding in sorted(result.checkpoints.items()):
-            rows.append({"steps": steps, "action_transformation_error": action_transformation_error(task, grounding)})
-    return pd.DataFrame(rows)
+def _curve(task: Task, result: Result) -> pd.DataFrame:
+    """The action-transformation error by grounding steps, of all members together; on fewer states where ã* has to be found numerically."""
+    few = ERROR_STEPS if task.has_action_transformation else ERROR_STEPS // 8
+    found = sorted(result.checkpoints.items())
+    return pd.DataFrame([{"steps": steps, "action_transformation_error": action_transformation_error(task, grounding, few)} for steps, grounding in found])
 
 
 def _commit() -> str | None:

@@ -1,0 +1,114 @@
+"""What there is to say of each source/target pair: the overview and a page a pair, as data and as text."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import asdict
+from typing import Any
+
+from rich.table import Column, Table
+
+from mpge_bench.baselines.progress import Progress
+from mpge_bench.envs import FAMILIES, FAMILY_IDS, SOURCE_IDS, TARGET_IDS, TASKS, Task
+from mpge_bench.envs.classic import CLASSICS
+from mpge_bench.harness.mismatch import Mismatch, measure_mismatch, stored_mismatches
+
+#: Transitions on which a pair that has no stored figures is measured.
+_TRANSITIONS = 100
+
+
+def _entry(task: Task, mismatch: Mismatch | None) -> dict[str, Any]:
+    robot = task.robot
+    return {
+        **task.to_dict(),
+        "observation_size": robot.observation_size,
+        "action_size": len(robot.actuators),
+        "control_step_s": robot.dt,
+        "episode_steps": robot.episode_steps,
+        "gymnasium": {"source": SOURCE_IDS.get(robot.name), "target": TARGET_IDS.get(task.name)},
+        "mismatch": asdict(mismatch) if mismatch else None,
+    }
+
+
+def overview() -> list[dict[str, Any]]:
+    """An entry for every shipped pair: what differs, dimensions, citation, Gymnasium ids and the measured mismatch."""
+    stored = stored_mismatches()
+    return [_entry(task, stored.get(name)) for name, task in TASKS.items()]
+
+
+def table(entries: list[dict[str, Any]]) -> Table:
+    """The overview as a table."""
+    drawn = Table(
+        Column("task", no_wrap=True),
+        Column("obs × act", no_wrap=True),
+        "the target differs by",
+        "effects",
+        "from",
+        Column("mismatch", justify="right"),
+        Column("removable by actions", justify="right"),
+        caption="mismatch: distance of the next states, in spreads of the state's change in a control step. `tasks NAME` shows more.",
+    )
+    for entry in entries:
+        effects = ", ".join(dict.fromkeys(effect["effect"] for effect in entry["effects"]))
+        measured = entry["mismatch"]
+        size, share = (f"{measured['mismatch']:.2g}", f"{max(measured['removable'], 0):.0%}") if measured else ("-", "-")
+        drawn.add_row(entry["name"], f"{entry['observation_size']} × {entry['action_size']}", entry["summary"], effects, entry["citation"], size, share)
+    return drawn
+
+
+def families_table() -> Table:
+    """The families of environments drawn at random, as a table."""
+    drawn = Table(Column("family", no_wrap=True), Column("gymnasium.make(id, instance=0 to 99)", no_wrap=True), "drawn", title="Families (MULTIPOLAR)")
+    for name, family in FAMILIES.items():
+        drawn.add_row(f"{name}_0 ... _99", FAMILY_IDS[name], ", ".join(family.ranges))
+    for name in CLASSICS:
+        drawn.add_row("", FAMILY_IDS[name], "Gymnasium's own, discrete actions")
+    return drawn
+
+
+def page(task: Task, progress: Progress) -> dict[str, Any]:
+    """The entry of one pair, measured now if nothing is stored of it, and with its robot's description."""
+    mismatch = stored_mismatches().get(task.name) if TASKS.get(task.name) is task else None
+    if mismatch is None:
+        progress.stage(f"measuring {task.name}", _TRANSITIONS)
+        mismatch = measure_mismatch(task, _TRANSITIONS, progress=progress.advance)
+    return {**_entry(task, mismatch), "robot_description": inspect.getdoc(type(task.robot)) or ""}
+
+
+def text(page: dict[str, Any]) -> str:
+    """The page of one pair as text."""
+    found = page["mismatch"]
+    ids = page["gymnasium"]
+    lines = [f"{page['name']}: {page['robot']}; {page['summary'] or 'a pair of your own'}", ""]
+    lines += [f"From {page['citation']}."] if page["citation"] else []
+    lines += [page["note"]] if page["note"] else []
+    lines += [
+        f"Observation {page['observation_size']}, action {page['action_size']}, control step {1000 * page['control_step_s']:.4g} ms,"
+        f" {page['episode_steps']} steps an episode.",
+    ]
+    lines += [f"Gymnasium: source {ids['source']}, target {ids['target']}."] if ids["source"] and ids["target"] else []
+    lines += ["", "Effects of the target:"]
+    for effect in page["effects"]:
+        values = ", ".join(f"{key} {_short(value)}" for key, value in effect.items() if key not in ("effect", "target"))
+        lines.append(f"  {effect['effect']} on {effect['target']}: {values}")
+    share = max(found["removable"], 0.0)
+    lines += [
+        "",
+        f"Mismatch, over {found['transitions']} random transitions of the target:",
+        f"  next states of source and target are {found['mismatch']:.3g} spreads of the state's change apart; {found['left']:.3g} are left under the best"
+        " action transformation",
+        f"  so any action transformation can remove at most {share:.0%} of the mismatch",
+        f"  transition error (observations): {found['transition_error']:.3g}, floor {found['transition_floor']:.3g}",
+        f"  action-transformation error of the ungrounded source: {found['action_distance']:.3g}, floor {found['action_floor']:.2g}"
+        + (" (known in closed form)" if found["closed_form"] else f" (found numerically, {found['steps']:.0f} simulator steps a transition)"),
+        "",
+        "Robot:",
+    ]
+    lines += [f"  {line}".rstrip() for line in page["robot_description"].splitlines()]
+    return "\n".join(lines)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list):
+        return "(" + ", ".join(map(_short, value)) + ")"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
