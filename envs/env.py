@@ -45,7 +45,10 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         self.observation_space = gymnasium.spaces.Box(-bound, bound, dtype=np.float64)
         self._command = [0.0] * len(self.world.joints)
         self._driven = [self.world.joints.index(joint) for joint in robot.actuators]
-        self._low, self._high = -limit, limit
+        first = self._driven[0]
+        #: Where commands stand if the driven joints follow each other, which is faster than one by one.
+        self._in_row = slice(first, first + len(self._driven)) if self._driven == list(range(first, first + len(self._driven))) else None
+        self._limit = robot.action_limit
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode from the robot's random initial state."""
@@ -67,24 +70,33 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         Grounded environments execute the transformed action ã but pay the reward of the action a that the agent chose (MPGE's released code).
         """
         world, robot = self.world, self.robot
-        clipped = np.minimum(np.maximum(executed, self._low), self._high)
+        clipped = self._within(executed)
         before = world.q
         world.step(self.commanded(clipped))
-        paid = clipped if chosen is executed else np.minimum(np.maximum(chosen, self._low), self._high)
+        paid = clipped if chosen is executed else self._within(chosen)
         return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
+
+    def _within(self, action: Array) -> Array:
+        values = action.tolist()
+        # Mostly there is nothing to clip, which Python sees faster than numpy.
+        return action if max(values) <= self._limit and min(values) >= -self._limit else np.clip(action, -self._limit, self._limit)
 
     def commanded(self, action: Array) -> list[float]:
         """What every joint is commanded under `action`, within the limits: N m or N, or what the robot's servos take; 0 where nothing drives it."""
-        for joint, command in zip(self._driven, self.robot.command(action), strict=True):
-            self._command[joint] = command
+        if self._in_row:
+            self._command[self._in_row] = self.robot.command(action)
+        else:
+            for joint, command in zip(self._driven, self.robot.command(action), strict=True):
+                self._command[joint] = command
         return self._command
 
     def render(self) -> npt.NDArray[np.uint8]:
         """A picture of the robot as it stands, shape (300, 400, 3); needs no display."""
-        # A world of its own, so that looking changes nothing.
-        self._view = self._view or self.robot.world(self.effects, seen=True)
+        if self._view is None:
+            # A world of its own, so that looking changes nothing.
+            self._view, self._room = self.robot.world(self.effects, seen=True), self.robot.room(self.effects)
         self._view.set_state(self.world.q, self.world.dq)
-        return self._view.render(400, 300, **self.robot.camera(self.world.q))
+        return self._view.render(400, 300, **self.robot.camera(self.world.q, self._room))
 
     def close(self) -> None:
         """Let go of the world that pictures are taken in."""

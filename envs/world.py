@@ -16,14 +16,13 @@ import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
-from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
+from mpge_bench.envs.engine import bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model, rotor_of
+from mpge_bench.envs.picture import Image, picture, visible
 
 Array = npt.NDArray[np.float64]
 
-
-Image = npt.NDArray[np.uint8]
 
 #: Coordinates and velocities of a floating base: place (3) and quaternion x, y, z, w; linear (3) and angular velocity (3).
 BASE_Q, BASE_DQ = 7, 6
@@ -62,7 +61,7 @@ class World:
         iterations: of Bullet's constraint solver, a physics step.
         loops: ball joints that close kinematic loops.
         effects: installed in this order; their `actuate` runs in this order on every command.
-        seen: there is a ground to be seen where there is one to touch, for `render`.
+        seen: made for `render`, not for steps: what has no colour gets one, and there is no ground to touch, only one to see.
 
     Raises:
         UserError: if the model does not load, or an effect, a loop or `armature` names a joint or link the model has not.
@@ -107,7 +106,7 @@ class World:
                 raise UserError(f"effect {effect.name}: {error}") from error
         model.free_base()
         wheels = model.take_flywheels() if model.flywheels else None
-        self._body = self._load(model.text(), model)
+        self._body = self._load(visible(model.text()) if seen else model.text(), model)
         indices = {}
         for index in range(bullet.getNumJoints(self._body, physicsClientId=self._client)):
             info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
@@ -139,24 +138,22 @@ class World:
         if wheels is not None:
             self._wheel_body = self._load(wheels, model, fixed=True)
             self._flywheels = [self.joints.index(name) for name in model.flywheels]
-            turning = list(range(len(self._flywheels)))
-            self._let_go(self._wheel_body, turning)
-            for wheel, joint in zip(turning, self._flywheels, strict=True):
+            self._wheels = list(range(len(self._flywheels)))
+            self._let_go(self._wheel_body, self._wheels)
+            for wheel, joint in zip(self._wheels, self._flywheels, strict=True):
                 bullet.changeDynamics(self._wheel_body, wheel, linearDamping=0, angularDamping=0, physicsClientId=self._client)
                 bullet.changeDynamics(self._wheel_body, wheel, maxJointVelocity=1e6, physicsClientId=self._client)
                 self._gear(self._wheel_body, wheel, self._q_index[joint], -1.0)
             plain = [joint for joint in range(len(self.joints)) if joint not in self._flywheels]
-            self._drives = [(self._wheel_body, turning, self._flywheels)]
+            self._drives = [(self._wheel_body, self._wheels, self._flywheels)]
             if plain:
                 self._drives.append((self._body, [self._q_index[joint] for joint in plain], plain))
         for loop in loops:
             self._close(loop)
-        if friction is not None:
-            if seen:
-                ground = bullet.loadURDF(str(BULLET_DATA / "plane.urdf"), physicsClientId=self._client)
-            else:
-                plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
-                ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
+        self._grounded = friction is not None
+        if friction is not None and not seen:
+            plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
+            ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
             bullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
@@ -380,7 +377,9 @@ class World:
             total += force @ np.array(linear)[:, [self._dof_of[index] for index in self._q_index]]
         return total
 
-    def _delivered(self, command: Sequence[float]) -> list[float]:
+    def _delivered(self, command: Sequence[float]) -> Sequence[float]:
+        if not self._actuators and not self._forces:
+            return command
         torque = list(command)
         most = [0.0] * len(torque)
         for effect, joint, hidden, rubs in self._actuators:
@@ -401,7 +400,7 @@ class World:
                 body, indices, bullet.VELOCITY_CONTROL, targetVelocities=zeros, forces=forces, physicsClientId=self._client
             )
 
-    def _advance(self, torque: list[float]) -> None:
+    def _advance(self, torque: Sequence[float]) -> None:
         if self._flywheels:
             for body, indices, places in self._drives:
                 forces = [torque[place] for place in places]
@@ -417,8 +416,7 @@ class World:
         if self._flywheels:
             # The heavy side's speed is the better one where the solver leaves a difference.
             speeds: Any = list(self._speeds)
-            wheels = bullet.getJointStates(self._wheel_body, range(len(self._flywheels)), physicsClientId=self._client)
-            for joint, wheel in zip(self._flywheels, wheels, strict=True):
+            for joint, wheel in zip(self._flywheels, bullet.getJointStates(self._wheel_body, self._wheels, physicsClientId=self._client), strict=True):
                 speeds[joint] = wheel[1]
             self._speeds = speeds
 
@@ -436,9 +434,9 @@ class World:
 
     def _align(self) -> None:
         """Turn the flywheels, whose end stops are the joints', to the joints' angles, from which they drift since gears act on velocities alone."""
-        positions = [[float(self._angles[joint])] for joint in self._flywheels]
-        velocities = [[float(self._speeds[joint])] for joint in self._flywheels]
-        bullet.resetJointStatesMultiDof(self._wheel_body, range(len(positions)), positions, velocities, physicsClientId=self._client)
+        positions = [[self._angles[joint]] for joint in self._flywheels]
+        velocities = [[self._speeds[joint]] for joint in self._flywheels]
+        bullet.resetJointStatesMultiDof(self._wheel_body, self._wheels, positions, velocities, physicsClientId=self._client)
 
     def _base(self) -> tuple[Sequence[float], Sequence[float]]:
         """Place (7 values) and velocity (6) of the base link's frame."""
@@ -484,14 +482,32 @@ class World:
         links = [index for index in self._links.values() if bullet.getCollisionShapeData(self._body, index, physicsClientId=self._client)]
         return min((float(bullet.getAABB(self._body, index, physicsClientId=self._client)[0][2]) for index in links), default=math.inf)
 
+    def room(self) -> tuple[Array, Array]:
+        """Lowest and highest x, y, z, m, of the boxes, along the axes, round the links, or round their frames if they cannot touch anything."""
+        corners = []
+        for index in range(-1, bullet.getNumJoints(self._body, physicsClientId=self._client)):
+            if bullet.getCollisionShapeData(self._body, index, physicsClientId=self._client):
+                corners += bullet.getAABB(self._body, index, physicsClientId=self._client)
+            elif index >= 0:
+                state = bullet.getLinkState(self._body, index, computeForwardKinematics=1, physicsClientId=self._client)
+                corners += [state[0], state[4]]
+            else:
+                corners.append(bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)[0])
+        return np.min(corners, 0), np.max(corners, 0)
+
+    def ranges(self) -> Array:
+        """Lowest and highest position of each joint, rad or m, shape (joints, 2); a turn, or 1 m each way, where the model sets no limit."""
+        found = []
+        for index in self._q_index:
+            info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
+            free = 1.0 if info[2] == bullet.JOINT_PRISMATIC else math.pi
+            found.append(info[8:10] if info[8] < info[9] else (-free, free))
+        return np.array(found, float)
+
     def render(self, width: int, height: int, *, at: Sequence[float], distance: float, yaw: float = 0.0, pitch: float = -15.0) -> Image:
         """A picture of the world, shape (height, width, 3), from `distance` m off the point `at`, m, turned by `yaw` and `pitch`, degrees; needs no display."""
-        view = bullet.computeViewMatrixFromYawPitchRoll(list(at), distance, yaw, pitch, 0, 2)
-        lens = bullet.computeProjectionMatrixFOV(50, width / height, 0.05, 100.0)
-        _, _, pixels, _, _ = bullet.getCameraImage(
-            width, height, view, lens, shadow=1, renderer=bullet.ER_TINY_RENDERER, physicsClientId=self._client
-        )
-        return np.reshape(np.asarray(pixels, np.uint8), (height, width, 4))[..., :3]
+        up = [-pull for pull in self._gravity]
+        return picture(self._client, self._body, width, height, at=at, distance=distance, yaw=yaw, pitch=pitch, ground=self._grounded, up=up)
 
     def has_contact(self) -> bool:
         """Whether the robot touched anything in the last physics step."""

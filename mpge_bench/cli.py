@@ -138,7 +138,7 @@ def train_policies(
         raise UserError(f"unknown kind {kind!r}; choose source, target or both")
     plan = [(one, seed) for one in ("source", "target") if kind in (one, "both") for seed in SEEDS[one]]
     if not force:
-        places = {folder} if out else {folder, FOLDER}
+        places = {folder, FOLDER} if folder == home(task) else {folder}
         plan = [item for item in plan if not any(policy_path(pair, *item, place).exists() for place in places)]
     if not plan:
         _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
@@ -207,7 +207,9 @@ def record(
     Example: python -m mpge_bench record --task biased_pendulum --policy target --episodes 4 --out recordings/
 
     Writes OUT/episode_00.csv, episode_01.csv, ...: columns time (s), u_JOINT (torque in N m or force in N; 0 without a motor), q_JOINT (rad or m) and
-    dq_JOINT (rad/s or m/s). Each row is one control step: the state as the sensors read it, before the row's command acts. An episode
+    dq_JOINT (rad/s or m/s); of a floating base also x, y, z (m), qx, qy, qz, qw, vx, vy, vz (m/s), wx, wy, wz (rad/s), along the world's axes. u_JOINT is
+    a target angle (rad) where motors are position-controlled (Minitaur). Each row is one control step: the state as the sensors read it, before the
+    row's command acts. An episode
     that the task ends early (the robot fell) is recorded as far as it went.
     Beside them OUT/rig.yaml and the robot's model file say what the simulator believes, where `diagnose` can take the robot: a fixed base, no ground.
     """
@@ -225,7 +227,8 @@ def record(
     robot = get_task(task).robot
     short = sum(len(table) < FEWEST_ROWS or spans[path] < SHORTEST for path, table in tables.items())
     if not recorder.can_be_rig(robot):
-        _out.print(f"No rig.yaml was written: `diagnose` cannot take robots with ground contact, such as the {robot.name}, yet.", soft_wrap=True)
+        kind = "a floating base" if robot.floating else "ground contact"
+        _out.print(f"No rig.yaml was written: `diagnose` cannot take robots with {kind}, such as the {robot.name}, yet.", soft_wrap=True)
     elif short:
         advice = "give more --seconds" if policy == "target" else "try --policy target, which keeps the robot up longer"
         _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({FEWEST_ROWS} rows and {SHORTEST} s are needed); {advice}.", soft_wrap=True)

@@ -67,7 +67,7 @@ def home(task: str) -> Path:
 
 
 def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
-    """All policies of the robot ("source") or of the pair ("target"), from `folder` or, where that lacks one, from the shipped ones.
+    """All policies of the robot ("source") or of the pair ("target"); of a user's own pair, what `folder` lacks comes from the shipped ones.
 
     Raises:
         UserError: if a file is missing, corrupt or of another robot.
@@ -75,7 +75,7 @@ def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
     states = []
     for seed in SEEDS[kind]:
         path = policy_path(task, kind, seed, folder)
-        if not path.exists():
+        if not path.exists() and task.address != task.name:
             path = policy_path(task, kind, seed)
         if not path.exists():
             raise UserError(

@@ -38,10 +38,10 @@ class Ant(Walking):
         return q, 0.1 * rng.standard_normal(14)
 
     def reward(self, q_before: Array, q: Array, action: Array) -> float:
-        return float(1.0 + (q[0] - q_before[0]) / self.dt - 0.5 * (action @ action))
+        return 1.0 + (q.item(0) - q_before.item(0)) / self.dt - 0.5 * float(action.dot(action))
 
     def terminated(self, q: Array, dq: Array) -> bool:
-        return not 0.2 <= q[2] <= 1.0
+        return not 0.2 <= q.item(2) <= 1.0
 
 
 class LightAnt(Ant):

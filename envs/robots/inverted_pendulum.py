@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from mpge_bench.envs.picture import distance_for
 from mpge_bench.envs.robots.robot import MODELS, Array, Robot
 
 
@@ -37,6 +40,10 @@ class InvertedPendulum(Robot):
 
     def reward(self, q_before: Array, q: Array, action: Array) -> float:
         return 1.0
+
+    def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
+        low, high = float(room[0][2]), float(room[1][2])
+        return {"at": (0.0, 0.0, (low + high) / 2), "distance": distance_for(2.4, high - low), "pitch": -6.0}  # as wide as the rail
 
     def terminated(self, q: Array, dq: Array) -> bool:
         return not abs(q[1]) <= 0.2

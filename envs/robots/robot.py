@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +15,7 @@ import numpy.typing as npt
 from mpge_bench.envs.effects import LinkSize
 from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.model import Model
+from mpge_bench.envs.picture import distance_for
 from mpge_bench.envs.world import BASE_DQ, BASE_Q, Loop, World
 
 Array = npt.NDArray[np.float64]
@@ -54,7 +57,7 @@ class Robot(ABC):
     observation_size: ClassVar[int]
     episode_steps: ClassVar[int] = 1000
 
-    @property
+    @functools.cached_property
     def dt(self) -> float:
         """Duration of a control step, s."""
         return self.timestep * self.substeps
@@ -62,7 +65,11 @@ class Robot(ABC):
     @property
     def gears(self) -> Array:
         """Gear of each actuator, shape (actuators,)."""
-        return np.array(list(self.actuators.values()))
+        return np.array(self._gears)
+
+    @functools.cached_property
+    def _gears(self) -> list[float]:
+        return list(self.actuators.values())
 
     def load(self) -> Model:
         """The robot's model, as the source has it."""
@@ -88,7 +95,7 @@ class Robot(ABC):
 
     def command(self, action: Array) -> list[float]:
         """What each actuator is commanded under `action`, shape (actuators,), within the limits: N m or N, or what the robot's servos take."""
-        return (action * self.gears).tolist()  # type: ignore[no-any-return]
+        return [gear * value for gear, value in zip(self._gears, action.tolist(), strict=True)]
 
     def rise(self, effects: Sequence[Effect]) -> float:
         """How much higher, m, the robot has to start for its feet to be where they are without `effects`, which may have given it longer legs."""
@@ -101,9 +108,30 @@ class Robot(ABC):
             lowest.append(world.lowest())
         return lowest[1] - lowest[0]
 
-    def camera(self, q: Array) -> dict[str, Any]:
-        """From where `World.render` shows the robot well."""
-        return {"at": (float(q[0]), 0.0, 0.2), "distance": 2.5}
+    def room(self, effects: Sequence[Effect] = ()) -> tuple[Array, Array]:
+        """Lowest and highest x, y, z, m, of the robot as it starts and, on a fixed base without a ground, wherever its joints may take it."""
+        world, rng = self.world(effects), np.random.default_rng(0)
+        q, dq = self.initial_state(rng)
+        if self.height is not None:
+            q[self.height] += self.rise(effects)
+        boxes = []
+        for _ in range(1 if self.floating or self.friction is not None else 100):
+            world.set_state(q, dq)
+            boxes.append(world.room())
+            q = rng.uniform(*world.ranges().T) if not self.floating else q
+        return np.min([low for low, _ in boxes], 0), np.max([high for _, high in boxes], 0)
+
+    def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
+        """From where `World.render` shows the robot, which takes up `room`, well."""
+        low, high = room
+        x, y, z = (high - low).tolist()
+        at = tuple(((low + high) / 2).tolist())
+        if y < 0.4 * x:
+            return {"at": at, "distance": distance_for(x, z) + y / 2, "pitch": -8.0}
+        if x < 0.4 * y:
+            return {"at": at, "distance": distance_for(y, z) + x / 2, "yaw": 90.0, "pitch": -8.0}
+        across = math.hypot(x, y)
+        return {"at": at, "distance": distance_for(0.9 * across, z + 0.35 * across), "yaw": 30.0, "pitch": -20.0 if z > 0.3 * across else -50.0}
 
     @abstractmethod
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -135,20 +163,25 @@ class Runner(Robot):
     velocity_clip: ClassVar[float] = np.inf
 
     def observation(self, q: Array, dq: Array) -> Array:
-        if self.velocity_clip < np.inf:
-            dq = np.minimum(np.maximum(dq, -self.velocity_clip), self.velocity_clip)
+        values, most = dq.tolist(), self.velocity_clip
+        # So few numbers Python clips faster than numpy.
+        if max(values) > most or min(values) < -most:
+            dq = np.array([most if value > most else -most if value < -most else value for value in values])
         return np.concatenate((q[1:], dq))
 
-    def camera(self, q: Array) -> dict[str, Any]:
-        return {"at": (float(q[0]), 0.0, 0.8), "distance": 3.0}
+    def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
+        low, high = room
+        # The ground is in sight, and so is a robot that jumps high.
+        above = 0.5 * float(high[2]) + 0.5 * max(float(q[self.height] - 0.75 * high[2]), 0.0)
+        return {"at": (float(q[0]), 0.0, above), "distance": 1.5 * distance_for(float(high[0] - low[0]), float(high[2])), "pitch": -10.0}
 
     def state(self, observation: Array) -> tuple[Array, Array]:
         positions = len(self.joints) - 1
         return np.concatenate(([0.0], observation[:positions])), np.array(observation[positions:])
 
     def reward(self, q_before: Array, q: Array, action: Array) -> float:
-        speed = (q[0] - q_before[0]) / self.dt
-        return float(self.healthy_reward + speed - self.control_cost * (action @ action))
+        speed = (q.item(0) - q_before.item(0)) / self.dt
+        return self.healthy_reward + speed - self.control_cost * float(action.dot(action))
 
 
 class Walking(Robot):
@@ -161,16 +194,19 @@ class Walking(Robot):
     floating = True
     height = 2
 
-    def camera(self, q: Array) -> dict[str, Any]:
-        return {"at": (float(q[0]), float(q[1]), 0.3), "distance": 3.0, "yaw": 30.0, "pitch": -20.0}
+    def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
+        low, high = room
+        distance = 1.45 * distance_for(float((high - low)[:2].max()), float(high[2]))
+        return {"at": (float(q[0]), float(q[1]), 0.8 * float(q[2])), "distance": distance, "yaw": 30.0, "pitch": -20.0}
 
     def observation(self, q: Array, dq: Array) -> Array:
-        x, y, z, w = q[3:BASE_Q]
-        sign = -1.0 if w < 0 else 1.0
+        x, y, z, w = q[3:BASE_Q].tolist()
+        if w < 0:
+            x, y, z, w = -x, -y, -z, -w
         observation = np.concatenate((q[2:], dq))
-        observation[1:5] = sign * w, sign * x, sign * y, sign * z
+        observation[1:5] = w, x, y, z
         spin = len(q) - 2 + 3
-        observation[spin : spin + 3] = _turned(dq[3:BASE_DQ], -x, -y, -z, w)
+        observation[spin : spin + 3] = _turned(dq[3:BASE_DQ].tolist(), -x, -y, -z, w)
         return observation
 
     def state(self, observation: Array) -> tuple[Array, Array]:
@@ -178,13 +214,13 @@ class Walking(Robot):
         w, x, y, z = observation[1:5]
         q = np.concatenate(([0.0, 0.0, observation[0], x, y, z, w], observation[5 : 5 + joints]))
         dq = np.array(observation[5 + joints :])
-        dq[3:BASE_DQ] = _turned(dq[3:BASE_DQ], x, y, z, w)
+        dq[3:BASE_DQ] = _turned(dq[3:BASE_DQ].tolist(), x, y, z, w)
         return q, dq
 
 
-def _turned(vector: Array, x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
+def _turned(vector: Sequence[float], x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
     """`vector` turned by the unit quaternion (x, y, z, w)."""
-    a, b, c = vector.tolist()
+    a, b, c = vector
     # v + 2 r × (r × v + w v), r = (x, y, z)
     d, e, f = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
     return a + 2 * (y * f - z * e), b + 2 * (z * d - x * f), c + 2 * (x * e - y * d)

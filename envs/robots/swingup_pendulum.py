@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.inverted_pendulum import InvertedPendulum
-from mpge_bench.envs.robots.robot import Array
+from mpge_bench.envs.robots.robot import Array, Robot
 
 
 class SwingupPendulum(InvertedPendulum):
@@ -28,6 +30,9 @@ class SwingupPendulum(InvertedPendulum):
 
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:
         return np.array([0.0, np.pi + rng.uniform(-0.1, 0.1)]), np.zeros(2)
+
+    def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
+        return Robot.camera(self, q, room)
 
     def observation(self, q: Array, dq: Array) -> Array:
         return np.array((q[0], np.cos(q[1]), np.sin(q[1]), dq[0], dq[1]))

@@ -62,7 +62,7 @@ class RecordSettings:
 
 def can_be_rig(robot: Robot) -> bool:
     """Whether a rig can describe `robot`: it has a fixed base, touches nothing, and its model file says all of it but its springs."""
-    return robot.friction is None and not robot.armature
+    return robot.friction is None and not robot.armature and not robot.floating
 
 
 def record(
@@ -102,13 +102,14 @@ def record(
         world = _write_rig(settings, robot, partial).world(effects, substeps=robot.substeps) if can_be_rig(robot) else robot.world(effects)
         progress.stage(f"{settings.episodes} episodes", settings.episodes * steps)
         tables = {}
+        rise = robot.rise(effects)
         for episode in range(settings.episodes):
             rng = np.random.default_rng((settings.seed, episode))
             policy = None if policies is None else policies[(settings.seed + episode) % len(policies)]
-            table = _episode(world, robot, policy, steps, rng)
+            table = _episode(world, robot, policy, steps, rng, rise)
             noise = np.random.default_rng((settings.seed, episode, 1))
             for prefix, size in (("q", settings.noise_q), ("dq", settings.noise_dq)):
-                columns = [f"{prefix}_{joint}" for joint in world.joints]
+                columns = _columns(prefix, world)
                 if size:
                     table[columns] += size * noise.standard_normal((len(table), len(columns)))
             name = f"episode_{episode:0{max(2, len(str(settings.episodes - 1)))}d}.{settings.format}"
@@ -154,29 +155,40 @@ def _write_rig(settings: RecordSettings, robot: Robot, folder: Path) -> Rig:
         **({"noise": noise} if noise else {}),
         **({"effects": [effect.to_dict() for effect in robot.nominal]} if robot.nominal else {}),
     }
-    shutil.copyfile(robot.model, folder / robot.model.name)
+    (folder / robot.model.name).write_bytes(robot.load().text())
     head = f"# {robot.name} as the source of {settings.task} has it.\n"
     (folder / "rig.yaml").write_text(head + yaml.safe_dump(data, sort_keys=False, default_flow_style=None), "utf-8")
     return read_rig(folder / "rig.yaml")
 
 
-def _episode(world: World, robot: Robot, policy: PolicySet | None, steps: int, rng: np.random.Generator) -> pd.DataFrame:
+#: What the columns of a floating base are called, in the order of q and dq.
+_BASE = {"q": ["x", "y", "z", "qx", "qy", "qz", "qw"], "dq": ["vx", "vy", "vz", "wx", "wy", "wz"]}
+
+
+def _columns(prefix: str, world: World) -> list[str]:
+    return [*(_BASE[prefix] if world.floating and prefix in _BASE else ()), *(f"{prefix}_{joint}" for joint in world.joints)]
+
+
+def _episode(world: World, robot: Robot, policy: PolicySet | None, steps: int, rng: np.random.Generator, rise: float) -> pd.DataFrame:
     """One row a control step, with the state that the sensors read before the row's command acts."""
     actions = random_actions(robot, steps, rng) if policy is None else np.empty((steps, len(robot.actuators)))
     driven = [world.joints.index(joint) for joint in robot.actuators]
-    u, q, dq = np.zeros((3, steps, len(world.joints)))
-    world.set_state(*robot.initial_state(rng))
+    u, q, dq = (np.zeros((steps, size)) for size in (len(world.joints), world.q.size, world.dq.size))
+    start, speed = robot.initial_state(rng)
+    if robot.height is not None:
+        start[robot.height] += rise
+    world.set_state(start, speed)
     count = 0
     for count in range(1, steps + 1):
         row = count - 1
         q[row], dq[row] = world.read()
         if policy is not None:
             actions[row] = policy.sample(robot.observation(q[row], dq[row])[None], np.zeros(1, int), rng)[0]
-        u[row, driven] = actions[row] * robot.gears
+        u[row, driven] = robot.command(actions[row])
         world.step(u[row].tolist())
         if robot.terminated(world.q, world.dq):
             break
     columns = {"time": robot.dt * np.arange(count)}
     for prefix, values in (("u", u), ("q", q), ("dq", dq)):
-        columns |= {f"{prefix}_{joint}": values[:count, column] for column, joint in enumerate(world.joints)}
+        columns |= {name: values[:count, column] for column, name in enumerate(_columns(prefix, world))}
     return pd.DataFrame(columns)

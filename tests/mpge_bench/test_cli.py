@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +13,7 @@ import time
 import pytest
 
 from mpge_bench.envs import TASKS
+from mpge_bench.policies import FOLDER
 
 
 def start(*arguments, **options):
@@ -132,3 +135,58 @@ def test_ctrl_c_leaves_nothing_half_made(command, policy_folder, tmp_path):
     assert "interrupted" in err
     assert "Traceback" not in err
     assert [path for path in (tmp_path / "out").rglob("*") if path.is_file()] == []
+
+
+def test_tasks_for_programs(tmp_path):
+    code, out, _ = call("tasks", "--json")
+    assert code == 0
+    entries = {entry["name"]: entry for entry in json.loads(out)}
+    assert list(entries) == list(TASKS)
+    for entry in entries.values():
+        assert entry["mismatch"]["mismatch"] > 0
+        assert entry["effects"]
+        assert entry["citation"]
+    assert (entries["ant_gravity"]["observation_size"], entries["ant_gravity"]["action_size"]) == (27, 8)
+    assert entries["broken_hopper"]["effects"] == [{"effect": "torque_gain", "target": "thigh_joint", "gain": 0.0}]
+
+
+def test_a_pairs_page():
+    code, out, _ = call("tasks", "broken_hopper")
+    assert code == 0
+    assert "torque_gain on thigh_joint: gain 0" in out
+    assert "Lee et al. 2022" in out
+    assert "any action transformation can remove at most 100%" in out
+    assert "mpge_bench/BrokenHopper-v0" in out
+    assert "Port of Gym's Hopper" in out
+
+
+def test_a_pair_of_ones_own_from_file_to_result(tmp_path):
+    pair = tmp_path / "weak.yaml"
+    pair.write_text("robot: inverted_pendulum\neffects:\n  - {effect: torque_gain, target: slider, gain: 0.5}\n")
+    code, out, err = call("tasks", pair, "--json")
+    assert code == 0, err
+    page = json.loads(out)
+    assert (page["name"], page["mismatch"]["closed_form"]) == ("weak", True)
+    arguments = ("run", "--task", pair, "--method", "direct", "--preset", "smoke", "--samples", 50, "--out", tmp_path / "out", "--jobs", 1)
+    assert f"train-policies --task {pair}` makes it" in refused(*arguments)
+    # Source policies are the shipped ones; target-optimal ones lie beside the file.
+    (tmp_path / "policies/weak").mkdir(parents=True)
+    for seed in range(3):
+        shutil.copy(FOLDER / "biased_pendulum" / f"target_{seed}.safetensors", tmp_path / "policies/weak")
+    code, _, err = call(*arguments)
+    assert code == 0, err
+    result = json.loads((tmp_path / "out/weak/direct/n50/smoke/seed0/result.json").read_text())
+    assert result["task"] == "weak"
+    assert result["pair"]["effects"] == [{"effect": "torque_gain", "target": "slider", "gain": 0.5}]
+    pair.write_text(pair.read_text().replace("0.5", "0.4"))
+    assert "holds the result of another pair called weak" in refused(*arguments)
+
+
+def test_a_pair_of_ones_own_that_is_not_right(tmp_path):
+    pair = tmp_path / "pair.yaml"
+    pair.write_text("robot: hopper\neffects:\n  - {effect: torque_gain, target: knee, gain: 0.5}\n")
+    err = refused("run", "--task", pair)
+    assert "pair.yaml" in err
+    assert "no joint 'knee'" in err
+    pair.write_text("robot: hopper\neffects:\n  - {effect: torque_gain, target: leg_joint, gain: 7}\n")
+    assert "gain = 7 1 is outside [0, 5]" in refused("tasks", pair)

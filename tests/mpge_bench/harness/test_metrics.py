@@ -8,7 +8,14 @@ import pytest
 from mpge_bench.baselines.problem import roll_out
 from mpge_bench.baselines.vector import Identity
 from mpge_bench.envs import get_task
-from mpge_bench.harness.metrics import action_transformation_error, normalized_return, returns, transition_error
+from mpge_bench.harness.metrics import (
+    action_transformation_error,
+    action_transformation_floor,
+    normalized_return,
+    returns,
+    transition_error,
+    transition_floor,
+)
 
 PENDULUM, HOPPER = get_task("biased_pendulum"), get_task("broken_hopper")
 
@@ -47,8 +54,13 @@ def test_action_transformation_error_is_a_norm_over_actuators():
     assert action_transformation_error(HOPPER, Off(HOPPER)) == pytest.approx(0.3 * np.sqrt(3))
 
 
-def test_action_transformation_error_is_unknown_where_the_transformation_is():
-    assert action_transformation_error(get_task("heavy_cheetah"), None) is None
+def test_every_pair_has_an_action_transformation_error_and_its_floor():
+    heavy = get_task("heavy_hopper")
+    error = action_transformation_error(heavy, None, steps=80)
+    assert 0.1 < error < 1.0
+    assert action_transformation_error(heavy, Off(HOPPER), steps=80) != error
+    assert 0.0 <= action_transformation_floor(heavy, steps=80) < 0.5 * error
+    assert action_transformation_floor(HOPPER) == 0.0
 
 
 def test_transition_error_is_nought_for_the_optimum_and_not_for_the_source(pendulum_policies):
@@ -81,3 +93,11 @@ def test_returns_count_each_world_alike_and_repeat(pendulum_policies):
 def test_returns_in_the_grounded_source_are_those_in_the_target_if_the_grounding_is_exact(pendulum_policies):
     grounded = returns(PENDULUM.source, pendulum_policies, episodes=10, transformation=Optimal(PENDULUM))
     assert grounded == returns(PENDULUM.target, pendulum_policies, episodes=10)
+
+
+def test_transition_floor_is_what_the_best_action_transformation_leaves(pendulum_policies):
+    transitions = roll_out(PENDULUM.target, pendulum_policies, 0, 60, seed=0)
+    assert transition_floor(PENDULUM, transitions) == pytest.approx(0.0, abs=1e-5)
+    heavy = get_task("heavy_pendulum")
+    transitions = roll_out(heavy.target, pendulum_policies, 0, 60, seed=0)
+    assert 0.0 < transition_floor(heavy, transitions) < 0.3 * transition_error(heavy, transitions)
