@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
-from mpge_bench.envs.engine import bullet, link_names, load_urdf
+from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model, rotor_of
 from mpge_bench.envs.picture import Image, picture, visible
@@ -61,7 +61,7 @@ class World:
         iterations: of Bullet's constraint solver, a physics step.
         loops: ball joints that close kinematic loops.
         effects: installed in this order; their `actuate` runs in this order on every command.
-        seen: made for `render`, not for steps: what has no colour gets one, and there is no ground to touch, only one to see.
+        seen: made for `render`: what has no colour gets one, and the ground can be seen.
 
     Raises:
         UserError: if the model does not load, or an effect, a loop or `armature` names a joint or link the model has not.
@@ -150,10 +150,12 @@ class World:
                 self._drives.append((self._body, [self._q_index[joint] for joint in plain], plain))
         for loop in loops:
             self._close(loop)
-        self._grounded = friction is not None
-        if friction is not None and not seen:
-            plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
-            ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
+        if friction is not None:
+            if seen:
+                ground = bullet.loadURDF(str(BULLET_DATA / "plane100.urdf"), physicsClientId=self._client)
+            else:
+                plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
+                ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
             bullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
@@ -506,8 +508,8 @@ class World:
 
     def render(self, width: int, height: int, *, at: Sequence[float], distance: float, yaw: float = 0.0, pitch: float = -15.0) -> Image:
         """A picture of the world, shape (height, width, 3), from `distance` m off the point `at`, m, turned by `yaw` and `pitch`, degrees; needs no display."""
-        up = [-pull for pull in self._gravity]
-        return picture(self._client, self._body, width, height, at=at, distance=distance, yaw=yaw, pitch=pitch, ground=self._grounded, up=up)
+        up = [-pull for pull in self._gravity] if any(self._gravity) else (0.0, 0.0, 1.0)
+        return picture(self._client, width, height, at=at, distance=distance, yaw=yaw, pitch=pitch, up=up)
 
     def has_contact(self) -> bool:
         """Whether the robot touched anything in the last physics step."""

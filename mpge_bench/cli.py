@@ -282,6 +282,46 @@ def simulate(
 
 
 @app.command()
+def render(
+    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    policy: Annotated[
+        str,
+        typer.Option(
+            help="source (a shipped source policy), target (a shipped target-optimal one), random (smooth random actions, needs no policy),"
+            " or the path of a policy.safetensors, such as `run` writes."
+        ),
+    ] = "source",
+    out: Annotated[Path | None, typer.Option(help="Name of the film, .gif or .mp4 (smaller); TASK.gif if not given. Replaced if it is there.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the start and of random actions; also says which of the source or target policies acts.")] = 0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Longest duration, s; at most the task's own length.")] = 5.0,
+    width: Annotated[int, typer.Option(min=160, max=1920, help="Of each side's picture, pixels.")] = 400,
+    height: Annotated[int, typer.Option(min=120, max=1440, help="Of each side's picture, pixels.")] = 300,
+    fps: Annotated[int, typer.Option(min=1, max=50, help="Pictures a second; the film plays in real time.")] = 25,
+    policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
+) -> None:
+    """Show source and target side by side under the same policy, as a GIF or MP4; needs no display.
+
+    Example: python -m mpge_bench render --task ant_gravity --policy random --out ant.gif
+
+    Both sides start from the same seed and get actions from the same policy (its mean), so that what differs is the physics. A side whose episode the
+    task ends (the robot fell) stays on its last picture, marked so. MP4 needs imageio and imageio-ffmpeg, the extra named video.
+    """
+    from mpge_bench import render as renderer
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.policies import home
+
+    settings = renderer.RenderSettings(task, policy, seed, seconds, width, height, fps)
+    path = out or Path(f"{get_task(task).name}.gif")
+    with ConsoleProgress() as progress:
+        film = renderer.render(settings, path, policy_folder=policies or home(task), progress=progress)
+    for side, episode in (("source", film.source), ("target", film.target)):
+        over = ", where the task ended the episode" if episode.ended else ""
+        _out.print(f"{side}: return {episode.returns[-1]:.2f} in {episode.duration:.2f} s{over}")
+    size = path.stat().st_size / 1e6
+    _out.print(f"Written to {path}: {film.frames} pictures of {film.size[0]} × {film.size[1]}, {film.duration:.2f} s, {size:.2g} MB", soft_wrap=True)
+
+
+@app.command()
 def leaderboard(
     results: Annotated[Path, typer.Argument(help="Folder with result.json files, at any depth.")] = Path("leaderboard/results"),
     markdown: Annotated[bool, typer.Option(help="Print Markdown.")] = False,
@@ -320,8 +360,10 @@ def tasks(
         if as_json:
             print(json.dumps(found, indent=1))
         else:
-            _out.print(pairs.table(found))
-            _out.print(pairs.families_table())
+            # A file or a pipe has no width of its own.
+            console = _out if _out.is_terminal else Console(highlight=False, width=140)
+            console.print(pairs.table(found))
+            console.print(pairs.families_table())
         return
     with ConsoleProgress() as progress:
         page = pairs.page(get_task(task), progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from dataclasses import asdict
 from typing import Any
 
@@ -40,20 +41,28 @@ def table(entries: list[dict[str, Any]]) -> Table:
     """The overview as a table."""
     drawn = Table(
         Column("task", no_wrap=True),
-        Column("obs × act", no_wrap=True),
-        "the target differs by",
-        "effects",
-        "from",
-        Column("mismatch", justify="right"),
-        Column("removable by actions", justify="right"),
-        caption="mismatch: distance of the next states, in spreads of the state's change in a control step. `tasks NAME` shows more.",
+        Column("o × a", no_wrap=True),
+        Column("the target differs by (effects)", ratio=1),
+        Column("from", no_wrap=True),
+        Column("mismatch", justify="right", no_wrap=True),
+        Column("removable", justify="right", no_wrap=True),
+        caption="o × a: sizes of observation and action. mismatch: distance of the next states, in spreads of the state's change in a control step; removable:"
+        " share that the best action transformation takes away. `tasks NAME` shows more.",
+        caption_justify="left",
+        row_styles=["", "dim"],
     )
     for entry in entries:
         effects = ", ".join(dict.fromkeys(effect["effect"] for effect in entry["effects"]))
         measured = entry["mismatch"]
         size, share = (f"{measured['mismatch']:.2g}", f"{max(measured['removable'], 0):.0%}") if measured else ("-", "-")
-        drawn.add_row(entry["name"], f"{entry['observation_size']} × {entry['action_size']}", entry["summary"], effects, entry["citation"], size, share)
+        dimensions = f"{entry['observation_size']} × {entry['action_size']}"
+        drawn.add_row(entry["name"], dimensions, f"{entry['summary']} ({effects})", _short_citation(entry["citation"]), size, share)
     return drawn
+
+
+def _short_citation(citation: str) -> str:
+    """The methods' names, where they are given in brackets."""
+    return ", ".join(re.findall(r"\((\w+)\)", citation)) or citation
 
 
 def families_table() -> Table:

@@ -33,7 +33,7 @@ class Ant(Walking):
     _pose = np.array([0.0, 1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])
 
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:
-        q = np.concatenate(([0.0, 0.0, 0.55, 0.0, 0.0, 0.0, 1.0], self._pose)) + rng.uniform(-0.1, 0.1, 15)
+        q = np.concatenate(([0.0, 0.0, 0.75, 0.0, 0.0, 0.0, 1.0], self._pose)) + rng.uniform(-0.1, 0.1, 15)
         q[3:7] /= np.linalg.norm(q[3:7])
         return q, 0.1 * rng.standard_normal(14)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import functools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -114,11 +114,12 @@ class Robot(ABC):
         q, dq = self.initial_state(rng)
         if self.height is not None:
             q[self.height] += self.rise(effects)
-        boxes = []
-        for _ in range(1 if self.floating or self.friction is not None else 100):
-            world.set_state(q, dq)
+        world.set_state(q, dq)
+        boxes = [world.room()]
+        for _ in range(0 if self.floating or self.friction is not None else 100):
+            low, high = world.ranges().T
+            world.set_state(rng.uniform(low, high), dq)
             boxes.append(world.room())
-            q = rng.uniform(*world.ranges().T) if not self.floating else q
         return np.min([low for low, _ in boxes], 0), np.max([high for _, high in boxes], 0)
 
     def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -169,8 +169,10 @@ def random_transitions(task: Task, count: int, seed: int) -> Iterator[tuple[Arra
 
 @functools.cache
 def state_spread(task: Task, count: int = 300, seed: int = 0) -> Array:
-    """Standard deviation of each entry of the target's whole state's change in a control step, over `count` random transitions."""
+    """Standard deviation of each entry of the whole state's change in a control step, over `count` random transitions of the target and of the source."""
     features = whole_state(task.robot)
-    changes: list[Array] = [features(q_next, dq_next) - features(q, dq) for q, dq, _, q_next, dq_next in random_transitions(task, count, seed)]
+    changes: list[Array] = []
+    for pair in (task, replace(task, effects=())):
+        changes += [features(q_next, dq_next) - features(q, dq) for q, dq, _, q_next, dq_next in random_transitions(pair, count, seed)]
     spread: Array = np.std(changes, axis=0)
     return spread
