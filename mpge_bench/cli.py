@@ -55,9 +55,10 @@ def run(
 
     settings = harness.RunSettings(task, method, samples, preset, seed)
     folder = settings.folder(out)
-    if (folder / "result.json").exists():
+    present = harness.present_result(settings, out)
+    if present:
         _out.print(f"{folder} holds the result of this run already:")
-        _show(harness.read_result(folder / "result.json"), folder)
+        _show(present, folder)
         return
     with ConsoleProgress() as progress:
         result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress)

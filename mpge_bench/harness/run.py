@@ -84,11 +84,9 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
     progress = progress or Silent()
     folder = settings.folder(out)
     task, method = get_task(settings.task), get_method(settings.method)
-    if (folder / "result.json").exists():
-        found = read_result(folder / "result.json")
-        if found.get("pair", task.to_dict()) != task.to_dict():
-            raise UserError(f"{folder} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
-        return found
+    present = present_result(settings, out)
+    if present:
+        return present
     if settings.preset not in PRESETS:
         raise UserError(f"unknown preset {settings.preset!r}; choose one of: {', '.join(PRESETS)}")
     chosen = load_preset(method.preset, settings.preset, task.name) if method.preset else {}
@@ -126,7 +124,7 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
             "settings": chosen,
             "target_samples": problem.drawn,
             "returns": {name: asdict(value) if value else None for name, value in found.items()},
-            "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),
+            "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),  # type: ignore[union-attr]
             "action_transformation_error": {
                 "value": action_transformation_error(task, result.grounding) if result.grounding else None,
                 "source": action_transformation_error(task, None),
@@ -159,6 +157,21 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         shutil.rmtree(partial, ignore_errors=True)
         raise
     return data
+
+
+def present_result(settings: RunSettings, out: Path) -> dict[str, Any] | None:
+    """The result that is there already, if there is one.
+
+    Raises:
+        UserError: if it cannot be read, or is that of another pair of the same name.
+    """
+    folder, task = settings.folder(out), get_task(settings.task)
+    if not (folder / "result.json").exists():
+        return None
+    found = read_result(folder / "result.json")
+    if found.get("pair", task.to_dict()) != task.to_dict():
+        raise UserError(f"{folder} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
+    return found
 
 
 @functools.cache
