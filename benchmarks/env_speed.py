@@ -76,7 +76,7 @@ def through(env: Any, actions: Any) -> Callable[[], float]:
 def raw_loop(robot: Any, actions: Any) -> Callable[[], float]:
     """CPU seconds of the bare PyBullet calls that the same control steps over the same model take.
 
-    No action limits, reward or Gymnasium interface: torques in, springs (half-cheetah) worked out inline, flywheels (ant) turned to the joints, states
+    No action limits, reward or Gymnasium interface: torques in, springs (half-cheetah) worked out inline, limbs (ant) turned to their flywheels, states
     out into one array, and a reset to the same initial states where the robot has fallen.
     """
     import numpy as np
@@ -99,8 +99,8 @@ def raw_loop(robot: Any, actions: Any) -> Callable[[], float]:
     base_q, base_dq = (7, 6) if robot.floating else (0, 0)
     rng = np.random.default_rng(0)
 
-    def turn(angles: Any, speeds: Any) -> None:
-        bullet.resetJointStatesMultiDof(driven, driven_joints, [[x] for x in angles], [[x] for x in speeds], physicsClientId=client)
+    def turn(body: int, indices: Any, angles: Any, speeds: Any) -> None:
+        bullet.resetJointStatesMultiDof(body, indices, [[x] for x in angles], [[x] for x in speeds], physicsClientId=client)
 
     def reset() -> Any:
         q, dq = (half.tolist() for half in robot.initial_state(rng))
@@ -112,7 +112,7 @@ def raw_loop(robot: Any, actions: Any) -> Callable[[], float]:
         speeds = [[x] for x in dq] + [[ROTOR_RATIO * x] for x in dq[first:][:rotors]]
         bullet.resetJointStatesMultiDof(body, moving, [[x] for x in q] + [[0.0]] * rotors, speeds, physicsClientId=client)
         if wheels:
-            turn([q[joint] for joint in wheels[1]], [dq[joint] for joint in wheels[1]])
+            turn(driven, driven_joints, [q[joint] for joint in wheels[1]], [dq[joint] for joint in wheels[1]])
         return bullet.getJointStates(body, joints, physicsClientId=client)
 
     def measure() -> float:
@@ -127,8 +127,9 @@ def raw_loop(robot: Any, actions: Any) -> Callable[[], float]:
                 states = bullet.getJointStates(body, joints, physicsClientId=client)
             angles, speeds = [x[0] for x in states], [x[1] for x in states]
             if wheels:
-                speeds = [x[1] for x in bullet.getJointStates(driven, driven_joints, physicsClientId=client)]
-                turn([angles[joint] for joint in wheels[1]], speeds)
+                turned = bullet.getJointStates(driven, driven_joints, physicsClientId=client)
+                angles, limbs, speeds = [x[0] for x in turned], speeds, [x[1] for x in turned]
+                turn(body, joints, angles, limbs)
             if robot.floating:
                 place, orientation = bullet.getBasePositionAndOrientation(body, physicsClientId=client)
                 velocity, spin = bullet.getBaseVelocity(body, physicsClientId=client)

@@ -25,8 +25,9 @@ def import_task(name: str) -> Task:
     module, _, attribute = name.partition(":")
     try:
         found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"{name}: cannot be imported ({error}); give MODULE:NAME, where NAME is a mpge_bench.envs.Task") from error
+    except Exception as error:  # a user's module may fail in any way
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UserError(f"{name}: cannot be imported ({what}); give MODULE:NAME, where NAME is a mpge_bench.envs.Task") from error
     if not isinstance(found, Task):
         raise UserError(f"{name}: is a {type(found).__name__}, not a mpge_bench.envs.Task")
     return replace(found, address=name)
@@ -58,5 +59,5 @@ def read_task(path: Path) -> Task:
         task.source()
         task.target()
     except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(f"{path}: {' '.join(str(error).split())}") from error
     return task

@@ -23,6 +23,23 @@ Array = npt.NDArray[np.float64]
 ROTOR_RATIO = 10.0
 
 
+#: How many numbers the attributes of a URDF's elements take.
+_NUMBERS = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 1),
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
+    "dynamics": {"damping": 1, "friction": 1},
+    "sphere": {"radius": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "box": {"size": 3},
+    "mesh": {"scale": 3},
+    "lateral_friction": {"value": 1},
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint of a model: its place in the parent's frame (m, rotation matrix) and its axis in its own."""
@@ -410,6 +427,15 @@ class Model:
         """Refuse what would make the methods here, or PyBullet, fail without a word on why."""
         links = [link.get("name") for link in self._root.findall("link")]
         children = []
+        for owner in (*self._root.findall("link"), *self._root.findall("joint")):
+            for element in owner.iter():
+                for key, count in _NUMBERS.get(element.tag, {}).items():
+                    if key in element.attrib and not _are_numbers(element.attrib[key], count):
+                        what = "a finite number" if count == 1 else f"{count} finite numbers"
+                        raise UserError(
+                            f"{self.path}: not a readable URDF file ({owner.tag} {owner.get('name')!r} has <{element.tag} {key}={element.attrib[key]!r}>;"
+                            f" it takes {what})"
+                        )
         for joint in self._root.findall("joint"):
             name, kind = joint.get("name"), joint.get("type")
             ends = [end.get("link") for end in (joint.find("parent"), joint.find("child")) if end is not None]
@@ -420,12 +446,7 @@ class Model:
             children.append(ends[1])
         if len(set(links)) != len(links) or len(set(children)) != len(children) or len(set(links) - set(children)) != 1:
             raise UserError(f"{self.path}: links must have different names and hang, each by one joint, on one base link")
-        try:
-            self.tree()
-            for link in self.links:
-                self.inertial(link)
-        except ValueError as error:
-            raise UserError(f"{self.path}: not a readable URDF file ({error}); correct this number") from error
+        self.tree()
         if self.floating and self._base() not in self.links:
             raise UserError(f"{self.path}: the base {self._base()!r} floats but has no mass; give it an inertial, or fix it")
         moving = {joint for link in self.links for joint in self.carriers(link)}
@@ -497,6 +518,14 @@ def _move(origin: ET.Element | None, stretch: Array) -> None:
 def rotor_of(joint: str) -> str:
     """Name of the joint and link of the rotor that is geared to `joint`."""
     return f"{joint}:rotor"
+
+
+def _are_numbers(text: str, count: int) -> bool:
+    try:
+        numbers = [float(value) for value in text.split()]
+    except ValueError:
+        return False
+    return len(numbers) == count and all(map(math.isfinite, numbers))
 
 
 def _vector(element: ET.Element | None, key: str, default: str) -> Array:

@@ -139,6 +139,7 @@ class World:
             self._wheel_body = self._load(wheels, model, fixed=True)
             self._flywheels = [self.joints.index(name) for name in model.flywheels]
             self._wheels = list(range(len(self._flywheels)))
+            self._geared = [self._q_index[joint] for joint in self._flywheels]
             self._let_go(self._wheel_body, self._wheels)
             for wheel, joint in zip(self._wheels, self._flywheels, strict=True):
                 bullet.changeDynamics(self._wheel_body, wheel, linearDamping=0, angularDamping=0, physicsClientId=self._client)
@@ -252,23 +253,26 @@ class World:
         if q.shape != self.q.shape or dq.shape != self.dq.shape:
             raise UserError(f"set_state takes q of shape {self.q.shape} and dq of shape {self.dq.shape}; got {q.shape} and {dq.shape}")
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
-            raise UserError(f"set_state takes finite values; got q = {q}, dq = {dq}")
-        bullet.restoreState(self._snapshot, physicsClientId=self._client)
+            raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
         angles, speeds = q, dq
         if self.floating:
             length = float(np.linalg.norm(q[3:BASE_Q]))
             if not length > 0:
                 raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
             q[3:BASE_Q] /= length
-            self._put_base(q[:BASE_Q], dq[:BASE_DQ])
             angles, speeds = q[BASE_Q:], dq[BASE_DQ:]
+        bullet.restoreState(self._snapshot, physicsClientId=self._client)
+        if self.floating:
+            self._put_base(q[:BASE_Q], dq[:BASE_DQ])
         # The gear acts on velocities alone and a rotor is round, so its angle may stay 0.
         positions = [[value] for value in angles.tolist()] + [[0.0]] * len(self._rotor_of)
         velocities = [[value] for value in speeds.tolist()] + [[ratio * speeds[joint]] for joint, ratio in self._rotor_of]
         bullet.resetJointStatesMultiDof(self._body, self._state_index, positions, velocities, physicsClientId=self._client)
         self._angles, self._speeds = angles, speeds
         if self._flywheels:
-            self._align()
+            positions = [[self._angles[joint]] for joint in self._flywheels]
+            velocities = [[self._speeds[joint]] for joint in self._flywheels]
+            bullet.resetJointStatesMultiDof(self._wheel_body, self._wheels, positions, velocities, physicsClientId=self._client)
         self.q, self.dq = q, dq
         for hidden in self._hidden:
             hidden.state = None
@@ -416,16 +420,20 @@ class World:
         reading: Any = zip(*bullet.getJointStates(self._body, self._q_index, physicsClientId=self._client), strict=True)
         self._angles, self._speeds, _, _ = reading
         if self._flywheels:
-            # The heavy side's speed is the better one where the solver leaves a difference.
+            # The heavy side is the right one where the solver leaves a difference.
+            self._limbs = [[self._speeds[joint]] for joint in self._flywheels]
+            angles: Any = list(self._angles)
             speeds: Any = list(self._speeds)
             for joint, wheel in zip(self._flywheels, bullet.getJointStates(self._wheel_body, self._wheels, physicsClientId=self._client), strict=True):
-                speeds[joint] = wheel[1]
-            self._speeds = speeds
+                angles[joint], speeds[joint] = wheel[:2]
+            self._angles, self._speeds = angles, speeds
 
     def _settle(self) -> None:
         """Take up the state at the end of a control step."""
         if self._flywheels:
-            self._align()
+            # Gears act on velocities alone, so that limbs drift from their flywheels, which obey the end stops.
+            angles = [[self._angles[joint]] for joint in self._flywheels]
+            bullet.resetJointStatesMultiDof(self._body, self._geared, angles, self._limbs, physicsClientId=self._client)
         if self.floating:
             place, speed = self._base()
             self.q, self.dq = np.array((*place, *self._angles)), np.array((*speed, *self._speeds))
@@ -433,12 +441,6 @@ class World:
         else:
             self._angles, self._speeds = np.array(self._angles), np.array(self._speeds)
             self.q, self.dq = self._angles, self._speeds
-
-    def _align(self) -> None:
-        """Turn the flywheels, whose end stops are the joints', to the joints' angles, from which they drift since gears act on velocities alone."""
-        positions = [[self._angles[joint]] for joint in self._flywheels]
-        velocities = [[self._speeds[joint]] for joint in self._flywheels]
-        bullet.resetJointStatesMultiDof(self._wheel_body, self._wheels, positions, velocities, physicsClientId=self._client)
 
     def _base(self) -> tuple[Sequence[float], Sequence[float]]:
         """Place (7 values) and velocity (6) of the base link's frame."""

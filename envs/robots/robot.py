@@ -52,7 +52,7 @@ class Robot(ABC):
     #: Physics of the robot itself that Bullet lacks, such as springs.
     nominal: ClassVar[Sequence[Effect]] = ()
     loops: ClassVar[Sequence[Loop]] = ()
-    #: Where in q the robot's height stands; None where it has none, as on a rail.
+    #: Where in q the height of a robot stands that starts on its feet; None where it has none, as on a rail, or is dropped.
     height: ClassVar[int | None] = None
     observation_size: ClassVar[int]
     episode_steps: ClassVar[int] = 1000
@@ -193,7 +193,6 @@ class Walking(Robot):
     """
 
     floating = True
-    height = 2
 
     def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
         low, high = room

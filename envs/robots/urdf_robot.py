@@ -79,13 +79,15 @@ class UrdfRobot(Robot):
         if not {"model", "actuators"} <= set(data) <= known:
             raise UserError(f"robot: takes model, actuators and {', '.join(sorted(known - {'model', 'actuators'}))}; got {', '.join(map(str, data))}")
         for key, value in data.items():
-            numbers = value.values() if isinstance(value, Mapping) else (value,)
-            if key != "model" and not (key == "friction" and value is None) and not all(_is_number(number) for number in numbers):
-                raise UserError(f"robot: {key} is {value!r}; give {'a number a joint' if key in ('actuators', 'goal', 'start') else 'a number'}")
-        if not isinstance(data["actuators"], Mapping):
-            raise UserError(f"robot: actuators is {data['actuators']!r}; give each driven joint's largest torque, such as {{elbow: 5}}")
+            if key in ("actuators", "goal", "start"):
+                if not isinstance(value, Mapping) or not all(isinstance(joint, str) and _is_number(number) for joint, number in value.items()):
+                    what = "each driven joint's largest torque" if key == "actuators" else "an angle (or length) a joint"
+                    raise UserError(f"robot: {key} is {value!r}; give {what}, such as {{elbow: 5}}")
+            elif key != "model" and not (key == "friction" and value is None) and not (_is_number(value) and (value >= 0 or key == "timestep")):
+                raise UserError(f"robot: {key} is {value!r}; give a number of at least 0")
         if not data.get("timestep", 1) > 0 or not all(float(data.get(key, 1)).is_integer() and data.get(key, 1) >= 1 for key in ("substeps", "episode_steps")):
             raise UserError("robot: timestep must be above 0, substeps and episode_steps whole numbers of at least 1")
+        data |= {key: int(data[key]) for key in ("substeps", "episode_steps") if key in data}
         return kind(**{**data, "name": name, "model": folder / str(data["model"])})
 
     @functools.cached_property
