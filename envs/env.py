@@ -72,7 +72,7 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         world, robot = self.world, self.robot
         clipped = self._within(executed)
         before = world.q
-        world.step(self.commanded(clipped))
+        world.step(self.commanded(clipped.tolist()))
         paid = clipped if chosen is executed else self._within(chosen)
         return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
 
@@ -81,8 +81,11 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         # Mostly there is nothing to clip, which Python sees faster than numpy.
         return action if max(values) <= self._limit and min(values) >= -self._limit else np.clip(action, -self._limit, self._limit)
 
-    def commanded(self, action: Array) -> list[float]:
-        """What every joint is commanded under `action`, within the limits: N m or N, or what the robot's servos take; 0 where nothing drives it."""
+    def commanded(self, action: Sequence[float]) -> list[float]:
+        """What every joint is commanded under `action`, one number an actuator within the limits; 0 where nothing drives it.
+
+        In N m or N, or what the robot's servos take.
+        """
         if self._in_row:
             self._command[self._in_row] = self.robot.command(action)
         else:

@@ -252,7 +252,8 @@ class World:
         q, dq = np.array(q, float), np.array(dq, float)
         if q.shape != self.q.shape or dq.shape != self.dq.shape:
             raise UserError(f"set_state takes q of shape {self.q.shape} and dq of shape {self.dq.shape}; got {q.shape} and {dq.shape}")
-        if not (np.isfinite(q).all() and np.isfinite(dq).all()):
+        # A sum is finite only if all it adds up are; that of a robot's coordinates does not overflow.
+        if not math.isfinite(sum(q.tolist()) + sum(dq.tolist())):
             raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
         angles, speeds = q, dq
         if self.floating:
@@ -287,11 +288,13 @@ class World:
         """
         if not math.isfinite(math.fsum(command)):
             raise UserError(f"step takes finite torques; got {list(command)}")
-        if not self._held:
+        if self._held:
+            self._advance(self._delivered(command))
+        else:
             # Effects index these a lot, which lists answer faster than arrays.
             self._angles, self._speeds = self._angles.tolist(), self._speeds.tolist()
-        for _ in range(self._advances):
-            self._advance(self._delivered(command))
+            for _ in range(self.substeps):
+                self._advance(self._delivered(command))
         self._settle()
         if self._sensors:
             self._readings.append((self.q, self.dq))
@@ -421,11 +424,11 @@ class World:
         self._angles, self._speeds, _, _ = reading
         if self._flywheels:
             # The heavy side is the right one where the solver leaves a difference.
-            self._limbs = [[self._speeds[joint]] for joint in self._flywheels]
             angles: Any = list(self._angles)
             speeds: Any = list(self._speeds)
+            self._limbs = [[speeds[joint]] for joint in self._flywheels]
             for joint, wheel in zip(self._flywheels, bullet.getJointStates(self._wheel_body, self._wheels, physicsClientId=self._client), strict=True):
-                angles[joint], speeds[joint] = wheel[:2]
+                angles[joint], speeds[joint], _, _ = wheel
             self._angles, self._speeds = angles, speeds
 
     def _settle(self) -> None:

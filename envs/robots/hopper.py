@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mpge_bench.envs.robots.robot import MODELS, Array, Runner
@@ -38,4 +40,5 @@ class Hopper(Runner):
 
     def terminated(self, q: Array, dq: Array) -> bool:
         # Gym also ends where any coordinate but x and z passes 100; the lean does so first. Written so that NaN ends it too.
-        return not (q.item(1) > 0.7 and abs(q.item(2)) < 0.2 and all(-100 < value < 100 for value in dq.tolist()))
+        speeds = dq.tolist()
+        return not (q.item(1) > 0.7 and abs(q.item(2)) < 0.2 and max(speeds) < 100 and min(speeds) > -100 and math.isfinite(sum(speeds)))

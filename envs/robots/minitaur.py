@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -72,7 +73,7 @@ class Minitaur(Walking):
     def load(self) -> Model:
         return self._model
 
-    def command(self, action: Array) -> list[float]:
+    def command(self, action: Sequence[float]) -> list[float]:
         swing, extension = np.repeat(action[:4], 2), np.repeat(action[4:], 2)
         forth = np.array([1.0, -1.0] * 2 + [-1.0, 1.0] * 2)
         return (_TURNS * (np.pi + np.pi / 4 * (forth * swing - extension - 1.5))).tolist()  # type: ignore[no-any-return]

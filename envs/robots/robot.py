@@ -16,7 +16,7 @@ from mpge_bench.envs.effects import LinkSize
 from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.picture import distance_for
-from mpge_bench.envs.world import BASE_DQ, BASE_Q, Loop, World
+from mpge_bench.envs.world import BASE_DQ, Loop, World
 
 Array = npt.NDArray[np.float64]
 MODELS = Path(__file__).parent / "models"
@@ -93,9 +93,9 @@ class Robot(ABC):
             seen=seen,
         )
 
-    def command(self, action: Array) -> list[float]:
-        """What each actuator is commanded under `action`, shape (actuators,), within the limits: N m or N, or what the robot's servos take."""
-        return [gear * value for gear, value in zip(self._gears, action.tolist(), strict=True)]
+    def command(self, action: Sequence[float]) -> list[float]:
+        """What each actuator is commanded under `action`, one number each, within the limits: N m or N, or what the robot's servos take."""
+        return [gear * value for gear, value in zip(self._gears, action, strict=True)]
 
     def rise(self, effects: Sequence[Effect]) -> float:
         """How much higher, m, the robot has to start for its feet to be where they are without `effects`, which may have given it longer legs."""
@@ -200,27 +200,24 @@ class Walking(Robot):
         return {"at": (float(q[0]), float(q[1]), 0.8 * float(q[2])), "distance": distance, "yaw": 30.0, "pitch": -20.0}
 
     def observation(self, q: Array, dq: Array) -> Array:
-        x, y, z, w = q[3:BASE_Q].tolist()
+        _, _, height, x, y, z, w, *angles = q.tolist()
+        vx, vy, vz, a, b, c, *speeds = dq.tolist()
         if w < 0:
             x, y, z, w = -x, -y, -z, -w
-        observation = np.concatenate((q[2:], dq))
-        observation[1:5] = w, x, y, z
-        spin = len(q) - 2 + 3
-        observation[spin : spin + 3] = _turned(dq[3:BASE_DQ].tolist(), -x, -y, -z, w)
-        return observation
+        return np.array((height, w, x, y, z, *angles, vx, vy, vz, *_turned(a, b, c, -x, -y, -z, w), *speeds))
 
     def state(self, observation: Array) -> tuple[Array, Array]:
         joints = len(self.joints)
         w, x, y, z = observation[1:5]
         q = np.concatenate(([0.0, 0.0, observation[0], x, y, z, w], observation[5 : 5 + joints]))
         dq = np.array(observation[5 + joints :])
-        dq[3:BASE_DQ] = _turned(dq[3:BASE_DQ].tolist(), x, y, z, w)
+        a, b, c = dq[3:BASE_DQ].tolist()
+        dq[3:BASE_DQ] = _turned(a, b, c, x, y, z, w)
         return q, dq
 
 
-def _turned(vector: Sequence[float], x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
-    """`vector` turned by the unit quaternion (x, y, z, w)."""
-    a, b, c = vector
+def _turned(a: float, b: float, c: float, x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
+    """The vector (a, b, c) turned by the unit quaternion (x, y, z, w)."""
     # v + 2 r × (r × v + w v), r = (x, y, z)
     d, e, f = y * c - z * b + w * a, z * a - x * c + w * b, x * b - y * a + w * c
     return a + 2 * (y * f - z * e), b + 2 * (z * d - x * f), c + 2 * (x * e - y * d)

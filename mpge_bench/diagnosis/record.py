@@ -184,7 +184,7 @@ def _episode(world: World, robot: Robot, policy: PolicySet | None, steps: int, r
         q[row], dq[row] = world.read()
         if policy is not None:
             actions[row] = policy.sample(robot.observation(q[row], dq[row])[None], np.zeros(1, int), rng)[0]
-        u[row, driven] = robot.command(actions[row])
+        u[row, driven] = robot.command(actions[row].tolist())
         world.step(u[row].tolist())
         if robot.terminated(world.q, world.dq):
             break

@@ -143,7 +143,7 @@ class Twin:
             commands = np.array([command for *_, command in self._past])[held]
             world.recall(commands, *(values[held] + share * (values[held + 1] - values[held]) for values in (angles, speeds)))
         self.env.advance(action, action)
-        self._past = [*self._past[1 - self._rows :], (q[-count:], dq[-count:], list(self.env.commanded(action)))]
+        self._past = [*self._past[1 - self._rows :], (q[-count:], dq[-count:], list(self.env.commanded(action.tolist())))]
         return world.q, world.dq
 
 
