@@ -13,9 +13,9 @@ from mpge_bench.envs.families import draw
 
 #: What is drawn, uniformly, by environment (Barekatain et al. 2019): names are those in Gymnasium's code.
 CARTPOLE = {"masscart": (0.2, 20.0), "masspole": (0.1, 5.0), "length": (0.1, 3.0), "force_mag": (6.0, 13.0), "gravity": (6.0, 14.0)}
+#: MULTIPOLAR draws the second link's length, too, but Gymnasium's equations of motion do without it.
 ACROBOT = {
     "LINK_LENGTH_1": (0.3, 1.3),
-    "LINK_LENGTH_2": (0.3, 1.3),
     "LINK_MASS_1": (0.5, 1.5),
     "LINK_MASS_2": (0.5, 1.5),
     "LINK_COM_POS_1": (0.05, 0.95),

@@ -44,7 +44,7 @@ def read_task(path: Path) -> Task:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise UserError(f"{path}: not a readable YAML file ({' '.join(str(error).split())}); give the path of a pair") from error
     if not isinstance(data, dict) or not {"robot", "effects"} <= set(data) <= {"name", "robot", "effects", "summary"}:
-        got = ", ".join(map(str, data)) if isinstance(data, dict) else "no mapping"
+        got = " ".join(", ".join(map(str, data)).split()) if isinstance(data, dict) else "no mapping"
         raise UserError(f"{path}: a pair has robot and effects, and may have name and summary; got {got}")
     robot, effects, name = data["robot"], data["effects"], data.get("name", path.stem)
     if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import math
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -14,15 +17,18 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpge_bench.envs import ROBOTS
+from mpge_bench.envs import ROBOTS, RobotEnv
 from mpge_bench.envs.effects import (
     CATALOGUE,
     AirDrag,
     Armature,
+    AttachedMass,
     BackEmfLimit,
     Backlash,
     ComOffset,
+    ContactFriction,
     CoulombFriction,
+    DcMotor,
     DeadZone,
     Delay,
     Effect,
@@ -30,13 +36,17 @@ from mpge_bench.envs.effects import (
     Gravity,
     Hidden,
     InertiaScale,
+    JointDamping,
     JointElasticity,
     JointSpring,
     Lag,
+    Latency,
+    LinkSize,
     LoadFriction,
     MassScale,
     Payload,
     PositionServo,
+    RotorScale,
     Scale,
     SensorBias,
     SensorDelay,
@@ -50,6 +60,7 @@ from mpge_bench.envs.effects import (
     effect_from_dict,
 )
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.robot import MODELS
 from mpge_bench.envs.world import World
 
@@ -57,28 +68,42 @@ INERTIA = 0.6  # of the wheel, kg m²
 STEP = 1e-3  # s
 G = 9.81  # m/s²
 MASS, ARM, CENTRAL, LENGTH = 2.0, 0.3, 0.05, 0.5  # of each rod of the arm: kg, m to the centre of mass, kg m² about it, m
+BOX, BOX_SIZE = 2.0, (0.8, 0.6, 0.1)  # of the box: kg, m
 MASSLESS = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
 
 #: Two values of every parameter of every effect in the catalogue, between which the hopper's motion must differ.
 VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "air_drag": {"quadratic": (1.0, 1.5)},
     "armature": {"inertia": (0.5, 0.6)},
+    "attached_mass": {"mass": (1.0, 1.5), "x": (0.1, 0.2), "y": (0.1, 0.2), "z": (0.1, 0.2)},
     "back_emf_limit": {"stall": (50.0, 55.0), "no_load_speed": (3.0, 4.0)},
     "backlash": {"width": (0.02, 0.03), "motor_inertia": (0.5, 0.6)},
     "com_offset": {"x": (0.05, 0.1), "y": (0.05, 0.1), "z": (0.05, 0.1)},
+    "contact_friction": {"coefficient": (0.4, 0.6)},
     "coulomb_friction": {"torque": (10.0, 11.0)},
+    "dc_motor": {
+        "torque_constant": (1.5, 1.8),
+        "resistance": (0.5, 0.6),
+        "voltage_limit": (20.0, 22.0),
+        "current": ((0.0, 30.0, 60.0), (0.0, 25.0, 60.0)),
+        "torque": ((0.0, 40.0, 60.0), (0.0, 45.0, 60.0)),
+    },
     "dead_zone": {"torque": (10.0, 11.0)},
     "delay": {"seconds": (0.011, 0.0115)},
     "external_force": {"vector": ((5.0, 0.0, 2.0), (5.0, 0.0, 3.0))},
     "gravity": {"vector": ((0.0, 0.0, -9.0), (1.0, 0.0, -9.0))},
     "inertia_scale": {"factor": (1.5, 2.0)},
+    "joint_damping": {"damping": (3.0, 4.0)},
     "joint_elasticity": {"stiffness": (1000.0, 1200.0), "damping": (2.0, 4.0), "motor_inertia": (0.5, 0.6)},
     "joint_spring": {"stiffness": (50.0, 60.0), "rest": (0.1, 0.2)},
     "lag": {"time_constant": (0.02, 0.025)},
+    "latency": {"seconds": (0.011, 0.0115)},
+    "link_size": {"length": (1.1, 1.2), "radius": (0.8, 0.9)},
     "load_friction": {"coefficient": (0.1, 0.2)},
     "mass_scale": {"factor": (1.1, 1.2)},
     "payload": {"mass": (1.0, 1.5), "distance": (0.3, 0.4)},
     "position_servo": {"kp": (50.0, 60.0), "kd": (5.0, 6.0), "servo_period": (0.004, 0.02)},
+    "rotor_scale": {"factor": (1.5, 2.0)},
     "sensor_bias": {"offset": (0.1, 0.2)},
     "sensor_delay": {"seconds": (0.01, 0.015)},
     "sensor_scale": {"gain": (1.1, 1.2)},
@@ -91,13 +116,18 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
 }
 #: What an effect needs beside its parameters.
 FURTHER: dict[str, dict[str, Any]] = {"unknown": {"signal": "dq"}}
+#: What changes nothing for a robot that moves in the plane of x and z.
+OUT_OF_PLANE = {("attached_mass", "y"), ("com_offset", "y")}
+#: Where `TARGETS` would not do.
+OTHER_TARGETS = {"contact_friction": "foot"}
 TARGETS = {"joint": "thigh_joint", "sensor": "thigh_joint", "link": "thigh", "world": "world"}
 
 
 def example(name: str, target: str | None = None, **changes: Any) -> Effect:
-    """Effect `name` with the first of its values but for `changes`; on the hopper's thigh if no other target is given."""
+    """Effect `name` with the first of its values but for `changes`; on the hopper's thigh (or foot) if no other target is given."""
     kind = CATALOGUE[name]
-    return kind(target or TARGETS[kind.on], **FURTHER.get(name, {}), **{parameter: value for parameter, (value, _) in VALUES[name].items()} | changes)
+    values = {parameter: value for parameter, (value, _) in VALUES[name].items()}
+    return kind(target or OTHER_TARGETS.get(name, TARGETS[kind.on]), **FURTHER.get(name, {}), **values | changes)
 
 
 @st.composite
@@ -143,6 +173,67 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def rod_of_a_pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of a capsule, 0.4 m long and 0.03 m in radius, of 1500 kg/m³, that hangs from a hinge at its upper end, and of a ball at its lower end."""
+    path = tmp_path_factory.mktemp("rod") / "rod.urdf"
+    mass, inertia = capsule(0.03, 0.4, 1500.0)
+    path.write_text(
+        f'<robot name="rod"><link name="world">{MASSLESS}</link><link name="rod"><inertial><origin xyz="0 0 -0.2"/><mass value="{mass}"/>'
+        f'<inertia ixx="{inertia[0]}" ixy="0" ixz="0" iyy="{inertia[1]}" iyz="0" izz="{inertia[2]}"/></inertial>'
+        '<collision><origin xyz="0 0 -0.2"/><geometry><capsule radius="0.03" length="0.4"/></geometry></collision></link>'
+        '<link name="ball"><inertial><mass value="0.5"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>'
+        '<joint name="hinge" type="continuous"><parent link="world"/><child link="rod"/><axis xyz="0 1 0"/></joint>'
+        '<joint name="end" type="fixed"><parent link="rod"/><child link="ball"/><origin xyz="0 0 -0.4"/></joint></robot>'
+    )
+    return path
+
+
+def box_model(folder: Path, *, floating: bool) -> Model:
+    """A flat box of mass BOX and friction 0.9 that lies on the ground: on slides along x and z, or free, with a weightless lever on it that does nothing."""
+    x, y, z = (BOX / 12 * (BOX_SIZE[one] ** 2 + BOX_SIZE[other] ** 2) for one, other in ((1, 2), (0, 2), (0, 1)))
+    box = (
+        f'<link name="box"><inertial><mass value="{BOX}"/><inertia ixx="{x}" ixy="0" ixz="0" iyy="{y}" iyz="0" izz="{z}"/></inertial>'
+        f'<collision><geometry><box size="{" ".join(map(str, BOX_SIZE))}"/></geometry></collision><contact><lateral_friction value="0.9"/></contact></link>'
+    )
+    small = '<inertial><mass value="1e-6"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" iyz="0" izz="1e-9"/></inertial>'
+    free = '<limit lower="1" upper="-1" effort="0" velocity="0"/>'
+    slides = (
+        f'<link name="world">{MASSLESS}</link><link name="rail">{MASSLESS}</link>'
+        f'<joint name="x" type="prismatic"><parent link="world"/><child link="rail"/><axis xyz="1 0 0"/>{free}</joint>'
+        f'<joint name="z" type="prismatic"><parent link="rail"/><child link="box"/><axis xyz="0 0 1"/>{free}</joint>'
+    )
+    lever = f'<link name="lever">{small}</link><joint name="lever" type="continuous"><parent link="box"/><child link="lever"/><axis xyz="0 0 1"/></joint>'
+    path = folder / "box.urdf"
+    path.write_text(f'<robot name="box">{box}{lever if floating else slides}</robot>')
+    return Model(path, floating=floating)
+
+
+def capsule(radius: float, length: float, density: float) -> tuple[float, np.ndarray]:
+    """Mass, kg, and moments of inertia, kg m², along x, y and the axis z, of a capsule whose cylinder has `length`: those that MuJoCo works out."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body().add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[radius, length / 2, 0], density=density)
+    model = spec.compile()
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[1])
+    axes = turn.reshape(3, 3)
+    return float(model.body_mass[1]), np.diag(axes @ np.diag(model.body_inertia[1]) @ axes.T)
+
+
+@pytest.fixture(scope="module")
+def bullets_motor() -> ModuleType:
+    """PyBullet's own model of the Minitaur's motor; its package cannot be imported without the old gym."""
+    package = importlib.util.find_spec("pybullet_envs")
+    assert package is not None
+    assert package.origin is not None
+    spec = importlib.util.spec_from_file_location("motor", Path(package.origin).parent / "bullet" / "motor.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def torque_at(model: Path, command: float, *installed: Effect, q: float = 0.0, dq: float = 0.0) -> float:
     """The torque, N m, that turns the wheel at angle `q` and speed `dq` under `command`: its inertia times its acceleration."""
     world = World(model, timestep=STEP, effects=installed)
@@ -157,6 +248,11 @@ def spin(model: Path, commands: npt.ArrayLike, *installed: Effect, dq: float = 0
     world.set_state([0.0], [dq])
     q, dqs = world.roll(np.array(commands, float)[:, None])
     return q[:, 0], dqs[:, 0]
+
+
+def torques(dq: np.ndarray, start: float) -> np.ndarray:
+    """The torque on the wheel at each step of a motion, by its speed after each and that at the `start`."""
+    return np.diff(dq, prepend=start) / STEP * INERTIA
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.6, 1.0, 5.0])
@@ -204,6 +300,27 @@ def test_delay_keeps_the_commands_shape(wheel: Path) -> None:
     assert late[12:] == pytest.approx(spin(wheel, commands)[1][:-12], abs=1e-12)
 
 
+@given(st.floats(0.0, 0.03), st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
+@settings(deadline=None, max_examples=30)
+def test_latency_holds_the_first_command_until_the_next_is_through(wheel: Path, seconds: float, first: float, then: float) -> None:
+    _, dq = spin(wheel, [first] * 10 + [then] * 50, Latency("hinge", seconds))
+    time = np.arange(1, 61) * STEP
+    arrived = 10 * STEP + seconds
+    sure = np.abs(time - arrived) > STEP
+    assert dq[sure] * INERTIA == pytest.approx((first * np.minimum(time, arrived) + then * np.maximum(0.0, time - arrived))[sure], abs=1e-9)
+
+
+def test_latency_delays_the_target_and_delay_the_torque(wheel: Path) -> None:
+    servo = PositionServo("hinge", 8.0, 0.5)
+    targets = np.append(np.full(5, 0.4), np.random.default_rng(0).uniform(-1, 1, 60))
+    q, dq = spin(wheel, targets, Latency("hinge", 0.012), servo, dq=0.3)
+    asked = np.append(np.full(12, targets[0]), targets[:-12])
+    assert torques(dq, 0.3) == pytest.approx(8.0 * (asked - np.append(0.0, q[:-1])) - 0.5 * np.append(0.3, dq[:-1]))
+    q, dq = spin(wheel, targets, servo, Delay("hinge", 0.012), dq=0.3)
+    asked = 8.0 * (targets - np.append(0.0, q[:-1])) - 0.5 * np.append(0.3, dq[:-1])
+    assert torques(dq, 0.3) == pytest.approx(np.append(np.zeros(12), asked[:-12]), abs=1e-9)
+
+
 @given(st.floats(1e-3, 0.1))
 @settings(deadline=None, max_examples=20)
 def test_lag_follows_as_a_first_order_system(wheel: Path, time_constant: float) -> None:
@@ -228,6 +345,53 @@ def test_back_emf_limits_only_a_torque_that_drives(wheel: Path, command: float, 
     assert torque_at(wheel, command, BackEmfLimit("hinge", 4.0, 10.0), dq=speed) == pytest.approx(delivered, abs=1e-9)
 
 
+@given(st.floats(-1.0, 1.0), st.floats(-1000.0, 1000.0))
+@settings(deadline=None, max_examples=50)
+def test_a_dc_motor_is_the_minitaurs(wheel: Path, bullets_motor: ModuleType, duty: float, speed: float) -> None:
+    expected, _ = bullets_motor.MotorModel(torque_control_enabled=True).convert_to_torque(duty, 0.0, speed)
+    asked = duty * bullets_motor.MOTOR_VOLTAGE / bullets_motor.MOTOR_RESISTANCE * bullets_motor.MOTOR_TORQUE_CONSTANT
+    assert torque_at(wheel, asked, minitaurs_motor(), dq=speed) == pytest.approx(expected, abs=1e-6)
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-300.0, 300.0))
+@settings(deadline=None, max_examples=50)
+def test_the_minitaurs_joint_is_pybullets(bullets_motor: ModuleType, target: float, angle: float, speed: float) -> None:
+    expected, _ = bullets_motor.MotorModel(kp=1.0, kd=0.02).convert_to_torque(target, angle, speed)
+    minitaur, command = ROBOTS["minitaur"], [target]
+    motor = next(iter(minitaur.actuators))
+    for effect in (*(servo for servo in minitaur.servos if servo.target == motor), minitaurs_motor()):
+        effect.actuate(command, 0, [angle], [speed], Hidden(0.002))
+    assert command == pytest.approx([expected], abs=1e-9)
+
+
+@given(st.floats(-150.0, 150.0))
+@settings(deadline=None)
+def test_a_dc_motor_at_standstill_gives_what_was_measured_at_the_current(current: float) -> None:
+    motor = DcMotor("hinge", 0.2, 0.5, 30.0, (0.0, 20.0, 50.0), (0.0, 3.0, 4.0))
+    command = [0.2 * current]
+    motor.actuate(command, 0, [0.0], [0.0], Hidden(STEP))
+    assert command == pytest.approx([math.copysign(np.interp(min(abs(current), 60.0), motor.current, motor.torque), current)])
+
+
+def test_a_dc_motor_runs_up_to_where_the_back_emf_takes_all_of_the_voltage(wheel: Path) -> None:
+    motor = DcMotor("hinge", 0.5, 2.0, 100.0, (0.0, 1000.0), (0.0, 500.0))
+    _, dq = spin(wheel, np.full(20000, 0.5 * 12.0 / 2.0), motor)
+    # 12 V, a motor constant of 0.5 N m/A, and so 24 rad/s, reached with the time constant J R / k².
+    assert dq == pytest.approx(24.0 * (1 - np.exp(-np.arange(1, 20001) * STEP * 0.5**2 / (INERTIA * 2.0))), abs=0.01)
+
+
+def test_what_a_dc_motor_never_reaches_changes_nothing(wheel: Path) -> None:
+    ideal = DcMotor("hinge", 0.5, 2.0, 1e4, (0.0, 1e4), (0.0, 5e3))
+    assert torque_at(wheel, 3.0, ideal) == pytest.approx(3.0)
+    assert torque_at(wheel, 3.0, ideal, dq=2.0) == pytest.approx(3.0 - 0.5**2 / 2.0 * 2.0)
+    assert torque_at(wheel, 300.0, dataclasses.replace(ideal, voltage_limit=40.0)) == pytest.approx(0.5 * 40.0 / 2.0)
+
+
+def minitaurs_motor() -> DcMotor:
+    """The facts page's figures."""
+    return DcMotor("hinge", 0.0954, 0.186, 50.0, (0, 10, 20, 30, 40, 50, 60), (0, 1, 1.9, 2.45, 3.0, 3.25, 3.5))
+
+
 @pytest.mark.parametrize(("signal", "at"), [("q", 0.4), ("dq", -0.8), ("command", 3.0)])
 def test_an_unknown_torque_is_straight_between_its_points_and_flat_beyond(wheel: Path, signal: str, at: float) -> None:
     curve = UnknownTorque("hinge", signal, (-0.5, 0.5, 2.0), (-1.0, 3.0, 0.0))
@@ -246,6 +410,60 @@ def test_position_servo_pulls_to_the_target_at_its_own_period(wheel: Path) -> No
 def test_viscous_friction_decays_exponentially(wheel: Path, damping: float) -> None:
     _, dq = spin(wheel, np.zeros(500), ViscousFriction("hinge", damping), dq=2.0)
     assert dq == pytest.approx(2.0 * np.exp(-damping / INERTIA * np.arange(1, 501) * STEP), rel=0.002)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.1, 1.0])
+def test_joint_damping_takes_the_place_of_the_models_own(tmp_path: Path, wheel: Path, damping: float) -> None:
+    damped = tmp_path / "damped.urdf"
+    damped.write_text(wheel.read_text().replace("</joint>", '<dynamics damping="0.7" friction="0"/></joint>'))
+    _, own = spin(damped, np.zeros(500), dq=2.0)
+    time = np.arange(1, 501) * STEP
+    assert own == pytest.approx(2.0 * np.exp(-0.7 / INERTIA * time), rel=0.002)
+    for model in (wheel, damped):
+        _, dq = spin(model, np.zeros(500), JointDamping("hinge", damping), dq=2.0)
+        assert dq == pytest.approx(2.0 * np.exp(-damping / INERTIA * time), rel=0.002)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3, 1.0])
+def test_joint_damping_acts_on_a_joint_with_a_flywheel(damping: float) -> None:
+    times, dq = ankle_motion(0.0, 0.4, JointDamping("ankle_1", damping))
+    assert dq == pytest.approx(0.4 * np.exp(-damping * times), rel=0.02, abs=0.002)
+
+
+@pytest.mark.parametrize("factor", [0.25, 1.0, 3.0])
+def test_rotor_scale_scales_the_flywheel_of_a_robot_on_a_floating_base(factor: float) -> None:
+    times, dq = ankle_motion(0.5, 0.0, JointDamping("ankle_1", 0.0), RotorScale("ankle_1", factor))
+    # The limb itself has less than 0.02 kg m².
+    assert dq == pytest.approx(0.5 / (factor + 0.01) * times, rel=0.05)
+
+
+@pytest.mark.parametrize("friction", [CoulombFriction("ankle_1", 0.3), StribeckFriction("ankle_1", 0.3, 0.3, 1.0)])
+def test_dry_friction_acts_on_a_joint_with_a_flywheel(friction: Effect) -> None:
+    times, dq = ankle_motion(0.8, 0.0, JointDamping("ankle_1", 0.0), friction)
+    assert dq == pytest.approx((0.8 - 0.3) / 1.01 * times, rel=0.05)
+    _, dq = ankle_motion(0.25, 0.0, JointDamping("ankle_1", 0.0), friction)
+    assert dq == pytest.approx(np.zeros(12), abs=1e-3)
+
+
+@pytest.mark.parametrize("motor_side", [Backlash("ankle_1", 0.02, 0.5), JointElasticity("ankle_1", 1e3, 5.0, 0.5)])
+def test_a_motor_ends_up_turning_with_a_joint_that_has_a_flywheel(motor_side: Effect) -> None:
+    times, dq = ankle_motion(0.5, 0.0, JointDamping("ankle_1", 0.0), motor_side)
+    assert dq[-1] == pytest.approx(0.5 / (1.01 + 0.5) * times[-1], rel=0.05)
+
+
+def ankle_motion(torque: float, speed: float, *installed: Effect) -> tuple[np.ndarray, np.ndarray]:
+    """Times and speeds of the floating ant's first ankle, at first of `speed`, under a steady `torque`."""
+    ant = ROBOTS["ant"]
+    world = ant.world([Gravity("world", (0.0, 0.0, 0.0)), *installed])
+    q, dq = np.array([0, 0, 5.0, 0, 0, 0, 1, 0, 0.7, 0, -0.8, 0, -0.8, 0, 0.8]), np.zeros(14)
+    ankle = 6 + ant.joints.index("ankle_1")
+    dq[ankle] = speed
+    world.set_state(q, dq)
+    speeds = []
+    for _ in range(12):
+        world.step([torque * (joint == "ankle_1") for joint in ant.joints])
+        speeds.append(world.dq[ankle])
+    return np.arange(1, 13) * ant.dt, np.array(speeds)
 
 
 def test_air_drag_slows_hyperbolically(wheel: Path) -> None:
@@ -377,6 +595,30 @@ def test_armature_changes_its_own_entry_of_the_mass_matrix_alone(arm: Path, iner
         assert (geared.dq - dq) / STEP == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.parametrize("factor", [0.1, 1.0, 4.0])
+def test_rotor_scale_scales_the_armature(wheel: Path, factor: float) -> None:
+    assert torque_at(wheel, 3.0, Armature("hinge", 1.2), RotorScale("hinge", factor)) == pytest.approx(3.0 * INERTIA / (INERTIA + 1.2 * factor))
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_rotor_scale_scales_one_of_the_hoppers_rotors_alone(factor: float) -> None:
+    hopper = ROBOTS["hopper"]
+    q = [0.0, 1.25, 0.1, -0.4, -0.6, 0.2]
+    bare, scaled = hopper.world(), hopper.world([RotorScale("leg_joint", factor)])
+    change = np.diag(scaled.mass_matrix(q) - bare.mass_matrix(q))
+    place = hopper.joints.index("leg_joint")
+    assert change[place] == pytest.approx((factor - 1) * hopper.armature["leg_joint"])
+    assert np.abs(np.delete(change, place)).max() < 0.02 * abs(factor - 1)
+
+
+def test_rotor_scale_needs_a_rotor(wheel: Path) -> None:
+    with pytest.raises(UserError, match=r"rotor_scale: joint 'hinge' has no rotor .*no joint has one.*armature") as error:
+        World(wheel, timestep=STEP, effects=[RotorScale("hinge", 2.0)])
+    assert "\n" not in str(error.value)
+    with pytest.raises(UserError, match=r"joint 'rooty' has no rotor .*those with one: thigh_joint, leg_joint, foot_joint"):
+        ROBOTS["hopper"].world([RotorScale("rooty", 2.0)])
+
+
 def rod(world: World, q: float) -> tuple[float, float]:
     """Inertia about the arm's elbow, and the torque there that holds the lower rod at `q`, the upper one hanging down."""
     return float(world.mass_matrix([0.0, q])[1, 1]), float(world.inverse_dynamics([0.0, q], [0.0, 0.0], [0.0, 0.0])[1])
@@ -388,6 +630,46 @@ def test_payload_is_a_point_mass_on_the_line_to_the_centre(arm: Path, mass: floa
     inertia, torque = rod(World(arm, timestep=STEP, effects=[Payload("lower", mass, distance)]), q)
     assert inertia == pytest.approx(CENTRAL + MASS * ARM**2 + mass * distance**2)
     assert torque == pytest.approx((MASS * ARM + mass * distance) * G * math.sin(q), abs=1e-9)
+
+
+@given(st.floats(0.0, 5.0), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
+@settings(deadline=None, max_examples=20)
+def test_an_attached_mass_pulls_at_its_lever(arm: Path, mass: float, x: float, y: float, z: float, q: float) -> None:
+    inertia, torque = rod(World(arm, timestep=STEP, effects=[AttachedMass("lower", mass, x, y, z)]), q)
+    assert inertia == pytest.approx(CENTRAL + MASS * ARM**2 + mass * (x**2 + z**2))
+    assert torque == pytest.approx(MASS * G * ARM * math.sin(q) - mass * G * (x * math.cos(q) + z * math.sin(q)), abs=1e-9)
+
+
+@pytest.mark.parametrize(("length", "radius"), [(1.0, 1.0), (1.6, 1.0), (1.0, 2.0), (0.5, 0.7)])
+def test_a_resized_link_swings_with_the_period_of_its_compound_pendulum(rod_of_a_pendulum: Path, length: float, radius: float) -> None:
+    world = World(rod_of_a_pendulum, timestep=STEP, effects=[LinkSize("rod", length, radius)])
+    mass, inertia = capsule(0.03 * radius, 0.4 * length, 1500.0)
+    arm, end, ball = 0.2 * length, 0.4 * length, 0.5
+    assert world.mass_of("rod") == pytest.approx(mass)
+    about_hinge = inertia[1] + mass * arm**2 + 0.001 + ball * end**2
+    assert world.mass_matrix([0.0])[0, 0] == pytest.approx(about_hinge)
+    world.set_state([0.05], [0.0])
+    q, _ = world.roll(np.zeros((5000, 1)))
+    upward = np.flatnonzero((q[:-1, 0] < 0) & (q[1:, 0] >= 0))
+    assert len(upward) >= 3
+    assert np.diff(upward) * STEP == pytest.approx(2 * np.pi * np.sqrt(about_hinge / ((mass * arm + ball * end) * G)), rel=0.01)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("target", ["box", "*"])
+@pytest.mark.parametrize("coefficient", [0.0, 0.2, 0.6])
+def test_contact_friction_brakes_a_box_by_the_coefficients_share_of_its_weight(tmp_path: Path, coefficient: float, target: str, floating: bool) -> None:
+    ground, speed = 0.5, 1.5
+    for effects, mu in (([ContactFriction(target, coefficient)], ground * coefficient), ([], ground * 0.9)):
+        world = World(box_model(tmp_path, floating=floating), timestep=STEP, friction=ground, iterations=50, effects=effects)
+        still = [0.0, 0.0, BOX_SIZE[2] / 2, 0.0, 0.0, 0.0, 1.0, 0.0] if floating else [0.0, BOX_SIZE[2] / 2]
+        world.set_state(still, [speed] + [0.0] * (6 if floating else 1))
+        speeds = []
+        for _ in range(400):
+            world.step([0.0] * len(world.joints))
+            speeds.append(world.dq[0])
+        assert world.has_contact()
+        assert speeds == pytest.approx(np.maximum(0.0, speed - mu * G * np.arange(1, 401) * STEP), abs=0.05)
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
@@ -474,6 +756,17 @@ def test_a_late_velocity_is_that_of_the_integrators_own_past(wheel: Path) -> Non
     assert np.sqrt(np.mean((dq[5:, 0] - truth[:, 1]) ** 2)) < 2e-3 * np.ptp(truth[:, 1])
 
 
+def test_sensors_of_a_floating_robot_tell_of_their_joint_alone() -> None:
+    ant = ROBOTS["ant"]
+    bare, told = (RobotEnv(ant, effects) for effects in ((), (SensorScale("ankle_2", 1.5), SensorBias("ankle_2", 0.1))))
+    place, speed = 5 + ant.joints.index("ankle_2"), 5 + 8 + 6 + ant.joints.index("ankle_2")
+    for step in range(4):
+        true, read = (env.reset(seed=1)[0] if step == 0 else env.step(np.full(8, 0.3))[0] for env in (bare, told))
+        expected = true.copy()
+        expected[place], expected[speed] = 1.5 * true[place] + 0.1, 1.5 * true[speed]
+        assert read == pytest.approx(expected)
+
+
 def test_sensors_read_many_motions_as_one() -> None:
     for name in ("sensor_bias", "sensor_delay", "sensor_scale"):
         q, dq = np.random.default_rng(0).normal(size=(2, 4, 30, 3))
@@ -537,10 +830,13 @@ def test_the_order_of_effects_is_the_order_of_application(wheel: Path) -> None:
     assert torque_at(wheel, -1.0, gain, bias) == pytest.approx(4.5)
 
 
-def hopper_motion(*installed: Effect) -> np.ndarray:
-    """What the sensors tell of the hopper in the air after some steps to and fro."""
+def hopper_motion(*installed: Effect, sliding: bool = False) -> np.ndarray:
+    """What the sensors tell of the hopper in the air, or sliding on the ground, after some steps to and fro."""
     world = ROBOTS["hopper"].world(installed)
-    world.set_state([0.0, 3.0, 0.1, -0.5, -0.6, 0.1], np.full(6, 0.2))
+    if sliding:
+        world.set_state([0.0, 1.205, 0.0, 0.0, 0.0, 0.0], [2.0, -0.5, 0.0, 0.0, 0.0, 0.0])
+    else:
+        world.set_state([0.0, 3.0, 0.1, -0.5, -0.6, 0.1], np.full(6, 0.2))
     for sign in (1, 1, 1, -1, -1):
         world.step([0.0, 0.0, 0.0, sign * 80.0, sign * -60.0, sign * 40.0])
     return np.concatenate(world.read())
@@ -548,14 +844,26 @@ def hopper_motion(*installed: Effect) -> np.ndarray:
 
 def test_every_parameter_of_every_effect_changes_the_motion() -> None:
     assert {name: set(values) for name, values in VALUES.items()} == {name: set(kind.parameters) for name, kind in CATALOGUE.items()}
-    bare = hopper_motion()
     for name, values in VALUES.items():
-        reference = hopper_motion(example(name))
-        assert not np.allclose(reference, bare, rtol=0, atol=1e-4), name
+        sliding = name == "contact_friction"
+        reference = hopper_motion(example(name), sliding=sliding)
+        assert not np.allclose(reference, hopper_motion(sliding=sliding), rtol=0, atol=1e-4), name
         for parameter, (_, other) in values.items():
-            changed = hopper_motion(example(name, **{parameter: other}))
+            changed = hopper_motion(example(name, **{parameter: other}), sliding=sliding)
             # The hopper stands in a plane, which y does not leave.
-            assert np.allclose(reference, changed, rtol=0, atol=1e-4) == (name == "com_offset" and parameter == "y"), (name, parameter)
+            assert np.allclose(reference, changed, rtol=0, atol=1e-4) == ((name, parameter) in OUT_OF_PLANE), (name, parameter)
+
+
+@pytest.mark.parametrize(("name", "parameter"), sorted(OUT_OF_PLANE))
+def test_what_leaves_the_plane_changes_the_motion_of_a_robot_that_does(name: str, parameter: str) -> None:
+    motions = []
+    for value in VALUES[name][parameter]:
+        world = ROBOTS["ant"].world([example(name, "foot_1", **{parameter: value})])
+        world.set_state([0, 0, 5.0, 0, 0, 0, 1, 0, 0.7, 0, -0.8, 0, -0.8, 0, 0.8], np.full(14, 0.2))
+        for _ in range(3):
+            world.step([80.0, -60.0] * 4)
+        motions.append(np.concatenate((world.q, world.dq)))
+    assert np.abs(np.subtract(*motions)).max() > 1e-3
 
 
 def test_every_effect_repeats_bit_by_bit() -> None:
@@ -607,7 +915,8 @@ def test_many_motions_at_once_are_as_one(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.on == "joint"])
 def test_recall_gives_an_effect_the_hidden_state_of_the_real_run(arm: Path, name: str) -> None:
-    real, later = (World(arm, timestep=STEP, effects=[example(name, "shoulder")]) for _ in range(2))
+    rotor = [Armature("shoulder", 0.5)] if name == "rotor_scale" else []
+    real, later = (World(arm, timestep=STEP, effects=[*rotor, example(name, "shoulder")]) for _ in range(2))
     commands, past = np.random.default_rng(0).uniform(-5, 5, (60, 2)), []
     real.set_state([0.1, 0.2], [0.3, -0.4])
     for command in commands[:41]:
@@ -636,6 +945,14 @@ def test_values_out_of_bounds_are_refused(effect: Effect, data: st.DataObject) -
         dataclasses.replace(effect, **{name: beyond if bound.size == 1 else (beyond, *getattr(effect, name)[1:])})
 
 
+def motor(**changes: Any) -> dict[str, Any]:
+    """A DC motor as plain data, but for `changes`."""
+    return {
+        "effect": "dc_motor", "target": "hinge", "torque_constant": 0.1, "resistance": 0.2, "voltage_limit": 50.0, "current": [0.0, 1.0], "torque": [0.0, 1.0],
+        **changes,
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("data", "says"),
     [
@@ -651,6 +968,15 @@ def test_values_out_of_bounds_are_refused(effect: Effect, data: st.DataObject) -
         ({"effect": "unknown", "target": "hinge", "signal": "q", "at": [0.0, 1.0], "torque": [1.0]}, "equally long"),
         ({"effect": "unknown", "target": "hinge", "signal": "q", "at": [1.0, 0.0], "torque": [1.0, 2.0]}, "must rise"),
         ({"effect": "unknown", "target": "hinge", "signal": "q", "at": [], "torque": []}, "equally long"),
+        (motor(current=[0.0, 1.0], torque=[1.0]), "dc_motor on hinge: `current` and `torque` must be equally long"),
+        (motor(current=[], torque=[]), "dc_motor on hinge: `current` and `torque` must be equally long"),
+        (motor(current=[1.0, 1.0], torque=[1.0, 2.0]), "`current` must rise"),
+        (motor(current=[-1.0, 1.0], torque=[1.0, 2.0]), "dc_motor on hinge: current = .* is outside some numbers each in"),
+        (motor(current=3.0), "dc_motor on hinge: "),
+        (motor(resistance=0.0), "resistance = 0.0 Ω is outside"),
+        ({"effect": "latency", "target": "hinge", "seconds": -0.1}, "latency on hinge: seconds = -0.1 s is outside"),
+        ({"effect": "link_size", "target": "leg", "length": 0.0}, "link_size on leg: length = 0.0 1 is outside"),
+        ({"effect": "attached_mass", "target": "leg", "x": 0.1}, "attached_mass takes mass, target, x, y, z; got target, x"),
         ({"effect": "unknown", "target": "hinge", "signal": "speed", "at": [0.0], "torque": [1.0]}, "choose q, dq or command"),
     ],
 )

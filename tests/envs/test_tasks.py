@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import math
 import subprocess
 import sys
 import warnings
+import xml.etree.ElementTree as ET
 
 import gymnasium
 import numpy as np
@@ -15,9 +19,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mpge_bench.envs import ROBOTS, SOURCE_IDS, TARGET_IDS, TASKS, RobotEnv, Task, get_task
+from mpge_bench.envs import FAMILIES, FAMILY_IDS, ROBOTS, SOURCE_IDS, TARGET_IDS, TASKS, RobotEnv, Task, get_task
+from mpge_bench.envs.classic import CLASSICS
+from mpge_bench.envs.effects import effect_from_dict
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.robots import Robot
 
+CLASSIC_IDS = {FAMILY_IDS[name] for name in CLASSICS}
+HAS_BOX2D = all(importlib.util.find_spec(package) for package in ("Box2D", "pygame"))
+LANDER = "mpge_bench/MultipolarLunarLander-v0"
+#: Every id, LunarLander's among them where it can run.
+IDS = [
+    pytest.param(name, marks=pytest.mark.skipif(name == LANDER and not HAS_BOX2D, reason="LunarLander needs Box2D and pygame, which are not installed"))
+    for name in (*SOURCE_IDS.values(), *TARGET_IDS.values(), *FAMILY_IDS.values())
+]
+#: All pairs, and some instances of each robot's family.
+PAIRS = {**TASKS, **{f"{family}_{instance}": FAMILIES[family].task(instance) for family in FAMILIES for instance in range(5)}}
 CLOSED_FORMS = {name: task for name, task in TASKS.items() if task.has_action_transformation}
 #: What the checkers may say of our spaces: observations have no bounds, and the pendulum's actions reach ±3, all as in Gym.
 HARMLESS = (".*Box observation space (minimum|maximum) value is -?infinity", ".*symmetric and normalized")
@@ -28,7 +45,7 @@ for id in {ids}:
     env = gymnasium.make(id)
     env.action_space.seed(3)
     heard = [env.reset(seed=3)[0].tobytes()]
-    for _ in range(60):
+    for _ in range({steps}):
         observation, reward, terminated, truncated, _ = env.step(env.action_space.sample())
         heard.append(observation.tobytes() + np.float64(reward).tobytes())
         if terminated or truncated:
@@ -52,18 +69,59 @@ def step_both(task: Task, source: RobotEnv, target: RobotEnv, rng: np.random.Gen
     return reached[0], reached[1]
 
 
-@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
-def test_source_and_target_move_differently(task: Task) -> None:
+def apart(robot: RobotEnv, other: RobotEnv, episodes: int = 3, steps: int = 200) -> float:
+    """How far the observations of two environments get apart, each from its own first one, in random episodes that start alike."""
+    rng, farthest = np.random.default_rng(0), 0.0
+    for seed in range(episodes):
+        first = [env.reset(seed=seed)[0] for env in (robot, other)]
+        for _ in range(steps):
+            action = rng.uniform(robot.action_space.low, robot.action_space.high)
+            reached = [env.step(action) for env in (robot, other)]
+            moved = [one[0] - start for one, start in zip(reached, first, strict=True)]
+            farthest = max(farthest, float(np.abs(moved[0] - moved[1]).max()))
+            if any(one[2] for one in reached):
+                break
+    return farthest
+
+
+#: In PyBullet this one hardly shows, as its note says; `slippery_hopper` is there instead.
+NEARLY_INVISIBLE = {"high_friction_hopper"}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_no_pairs_source_and_target_move_alike(name: str) -> None:
+    task = PAIRS[name]
+    distance = apart(task.source(), task.target())
+    assert distance > (1e-6 if name in NEARLY_INVISIBLE else 0.05)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+def test_what_is_alike_moves_alike(robot: Robot) -> None:
+    assert apart(RobotEnv(robot), RobotEnv(robot), episodes=2, steps=100) == 0
+
+
+def test_every_pair_differs_from_every_other_of_its_robot() -> None:
+    found = [(name, task) for name, task in TASKS.items()]
+    for index, (name, task) in enumerate(found):
+        for other, another in found[:index]:
+            if task.robot is another.robot:
+                assert apart(task.target(), another.target(), episodes=1) > 1e-6, (name, other)
+
+
+@pytest.mark.parametrize("name", [*CLOSED_FORMS, "heavy_cheetah", "heavy_walker", "loaded_walker"])
+def test_source_and_target_part_in_one_step(name: str) -> None:
+    task = TASKS[name]
     rng, source, target = np.random.default_rng(0), task.source(), task.target()
     differences = [np.abs(np.subtract(*step_both(task, source, target, rng, transformed=False))).max() for _ in range(50)]
     assert np.median(differences) > 0.05
 
 
 def test_the_pairs_known_in_closed_form() -> None:
-    assert set(CLOSED_FORMS) >= {"biased_pendulum", "broken_hopper", "broken_cheetah"}
-    assert "heavy_cheetah" not in CLOSED_FORMS
-    with pytest.raises(ValueError, match=r"heavy_cheetah: .* not known in closed form"):
-        TASKS["heavy_cheetah"].action_transformation(np.zeros((1, 6)))
+    assert set(CLOSED_FORMS) == {"biased_pendulum", "broken_hopper", "broken_cheetah", "weak_cheetah", "lame_ant"}
+    for name in ("heavy_cheetah", "minitaur_motor", "late_minitaur", "multipolar_hopper_0"):
+        task = get_task(name)
+        with pytest.raises(ValueError, match=rf"{name}: .* not known in closed form"):
+            task.action_transformation(np.zeros((1, len(task.robot.actuators))))
 
 
 @pytest.mark.parametrize("task", CLOSED_FORMS.values(), ids=CLOSED_FORMS)
@@ -71,7 +129,10 @@ def test_the_true_transformation_makes_the_source_move_as_the_target(task: Task)
     rng, source, target = np.random.default_rng(1), task.source(), task.target()
     for _ in range(200):
         in_source, in_target = step_both(task, source, target, rng, transformed=True)
-        assert in_source.tobytes() == in_target.tobytes()
+        if task.name == "weak_cheetah":  # whose 60% are rounded once in the source and once in the target
+            assert in_source == pytest.approx(in_target, rel=1e-9, abs=1e-9)
+        else:
+            assert in_source.tobytes() == in_target.tobytes()
 
 
 @settings(deadline=None)
@@ -88,6 +149,19 @@ def test_the_broken_robots_lose_the_first_action(name: str, data: st.DataObject)
     expected = np.clip(action, -1, 1)
     expected[:, 0] = 0
     assert TASKS[name].action_transformation(action) == pytest.approx(expected)
+
+
+@settings(deadline=None)
+@given(arrays(float, (4, 6), elements=st.floats(-2, 2)))
+def test_the_weak_cheetahs_front_leg_gets_60_percent(action: np.ndarray) -> None:
+    assert TASKS["weak_cheetah"].action_transformation(action) == pytest.approx(np.clip(action, -1, 1) * [1, 1, 1, 0.6, 0.6, 0.6])
+
+
+@settings(deadline=None)
+@given(arrays(float, (4, 8), elements=st.floats(-2, 2)))
+def test_the_lame_ants_first_leg_gets_nothing(action: np.ndarray) -> None:
+    # Gym's order of the legs is 4, 1, 2, 3.
+    assert TASKS["lame_ant"].action_transformation(action) == pytest.approx(np.clip(action, -1, 1) * [1, 1, 0, 0, 1, 1, 1, 1])
 
 
 @settings(deadline=None)
@@ -112,20 +186,128 @@ def test_the_heavy_cheetah_weighs_20_kg() -> None:
     assert masses[1] / masses[0] == pytest.approx(20 / 14)
 
 
+@pytest.mark.parametrize(
+    ("name", "link", "before", "after"),
+    [
+        ("heavy_hopper", "torso", 3.53, 6.0),
+        ("heavy_walker", "torso", 3.534, 10.0),
+        ("heavy_pendulum", "pole", 4.89, 100.0),
+        ("loaded_walker", "torso", 3.534, 6.534),
+    ],
+)
+def test_the_heavy_robots_weigh_what_the_papers_say(name: str, link: str, before: float, after: float) -> None:
+    source, target = TASKS[name].source().world, TASKS[name].target().world
+    assert source.mass_of(link) == pytest.approx(before, abs=0.005)
+    assert target.mass_of(link) == pytest.approx(after, abs=0.005)
+    assert [target.mass_of(other) for other in target.links if other != link] == [source.mass_of(other) for other in source.links if other != link]
+
+
+def test_gravity_pulls_the_ants_as_garat_says() -> None:
+    task, fallen = TASKS["ant_gravity"], []
+    q, dq = task.robot.initial_state(np.random.default_rng(0))
+    q[2], dq = 9.0, np.zeros(14)
+    for env in (task.source(), task.target()):
+        env.world.set_state(q, dq)
+        env.step(np.zeros(8))
+        fallen.append(env.world.dq[2] / task.robot.dt)
+    assert fallen == pytest.approx([-4.91, -9.81], rel=1e-4)
+
+
+@pytest.mark.parametrize(("name", "before", "after"), [("high_friction_hopper", 2.0, 2.2), ("slippery_hopper", 2.0, 0.4)])
+def test_the_feets_friction_is_as_the_pair_says(name: str, before: float, after: float) -> None:
+    hopper = TASKS[name].robot
+    model = hopper.load()
+    frictions = []
+    for effects in ((), TASKS[name].effects):
+        changed = model.copy()
+        for effect in effects:
+            effect.install(changed)
+        contacts = {link.attrib["name"]: link.find("contact/lateral_friction") for link in ET.fromstring(changed.text()).findall("link")}
+        frictions.append({link: float(contact.attrib["value"]) for link, contact in contacts.items() if contact is not None})
+    assert (frictions[0].pop("foot"), frictions[1].pop("foot")) == (before, after)
+    assert frictions[0] == frictions[1]
+
+
+def test_the_tilted_cheetahs_ground_rises_by_six_degrees() -> None:
+    (gravity,) = TASKS["tilted_cheetah"].effects
+    x, y, z = gravity.vector
+    assert math.hypot(x, y, z) == pytest.approx(9.81)
+    assert math.degrees(math.atan2(-x, -z)) == pytest.approx(6.0)
+    assert y == 0
+
+
+def test_the_minitaurs_target_motor_has_the_facts_figures() -> None:
+    motors = TASKS["minitaur_motor"].effects
+    assert [motor.target for motor in motors] == list(ROBOTS["minitaur"].actuators)
+    for motor in motors:
+        assert (motor.torque_constant, motor.resistance, motor.voltage_limit) == (0.0954, 0.186, 50.0)
+        assert motor.current == (0, 10, 20, 30, 40, 50, 60)
+        assert motor.torque == (0, 1, 1.9, 2.45, 3.0, 3.25, 3.5)
+
+
+def test_every_pair_says_what_and_whence_it_is_as_plain_data() -> None:
+    for name, task in PAIRS.items():
+        data = task.to_dict()
+        assert data == json.loads(json.dumps(data))
+        assert (data["name"], data["robot"]) == (name, task.robot.name)
+        assert tuple(effect_from_dict(effect) for effect in data["effects"]) == task.effects  # type: ignore[attr-defined]
+        assert task.summary
+        assert task.citation
+        assert task.address == name
+    assert "slippery_hopper" in TASKS["high_friction_hopper"].note
+
+
 def test_a_task_that_is_not_there_is_refused_with_the_list() -> None:
     assert get_task("broken_hopper") is TASKS["broken_hopper"]
     with pytest.raises(UserError, match=r"'brokenhopper'.*biased_pendulum, broken_hopper"):
         get_task("brokenhopper")
 
 
-@pytest.mark.parametrize("name", [*SOURCE_IDS.values(), *TARGET_IDS.values()])
-def test_the_registered_environments_pass_the_checkers(name: str) -> None:
+@pytest.mark.parametrize("name", ["", "multipolar_hopper", "multipolar_hopper_", "multipolar_hopper_x", "multipolar_ant_-1", "multipolar_cartpole_3"])
+def test_a_family_is_followed_by_the_instances_number(name: str) -> None:
+    with pytest.raises(UserError, match=r"unknown task .*multipolar_hopper_0 to _99") as error:
+        get_task(name)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["multipolar_hopper_100", "multipolar_ant_4711"])
+def test_an_instance_that_is_not_there_is_refused(name: str) -> None:
+    with pytest.raises(UserError, match=rf"has no instance {name.rpartition('_')[2]}; choose one from 0 to 99"):
+        get_task(name)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_registered_environments_pass_the_checkers(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    if name == LANDER:
+        importlib.import_module("Box2D")  # which crashes where a warning of its own is an error
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for message in HARMLESS:
             warnings.filterwarnings("ignore", message)
-        check_env(gymnasium.make(name).unwrapped)
+        # Gymnasium's checker makes environments of every render mode; those of Gymnasium's own need a display for one.
+        check_env(gymnasium.make(name).unwrapped, skip_render_check=name in CLASSIC_IDS)
         stable_baselines3.common.env_checker.check_env(gymnasium.make(name).unwrapped)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_the_registered_environments_can_be_looked_at(name: str) -> None:
+    if name in CLASSIC_IDS:
+        pytest.importorskip("pygame")
+    env = gymnasium.make(name, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    picture = env.render()
+    assert picture.dtype == np.uint8
+    assert picture.ndim == 3
+    assert picture.shape[2] == 3
+    assert np.ptp(picture) > 20
+    env.close()
+
+
+def test_an_unknown_render_mode_is_refused() -> None:
+    with pytest.raises(UserError, match="unknown render mode 'human'; there is rgb_array"):
+        RobotEnv(ROBOTS["hopper"], render_mode="human")
 
 
 def test_the_ids_lead_to_source_and_target() -> None:
@@ -134,12 +316,17 @@ def test_the_ids_lead_to_source_and_target() -> None:
     for robot, name in SOURCE_IDS.items():
         env = gymnasium.make(name).unwrapped
         assert type(env.robot) is type(ROBOTS[robot])
-        assert env.world.effects == tuple(ROBOTS[robot].nominal)
+        assert env.world.effects == (*ROBOTS[robot].servos, *ROBOTS[robot].nominal)
     for task, name in TARGET_IDS.items():
         env = gymnasium.make(name).unwrapped
         assert type(env.robot) is type(TASKS[task].robot)
         assert set(TASKS[task].effects) <= set(env.world.effects)
     assert gymnasium.spec(SOURCE_IDS["hopper"]).max_episode_steps == 1000
+    for family, name in FAMILY_IDS.items():
+        if family in FAMILIES:
+            env = gymnasium.make(name, instance=7).unwrapped
+            assert env.effects == FAMILIES[family].task(7).effects
+            assert env.robot is FAMILIES[family].robot
 
 
 def test_envs_imports_without_torch_and_without_a_word() -> None:
@@ -149,7 +336,11 @@ def test_envs_imports_without_torch_and_without_a_word() -> None:
 
 
 def test_a_seed_repeats_its_episodes_in_any_process() -> None:
-    code = RUN.format(ids=[*SOURCE_IDS.values(), *TARGET_IDS.values()])
+    names = [name for name in (*SOURCE_IDS.values(), *TARGET_IDS.values(), *FAMILY_IDS.values()) if name != LANDER or HAS_BOX2D]
+    code = RUN.format(ids=names, steps=250)
     runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split() for _ in range(2)]
     assert runs[0] == runs[1]
-    assert len(set(runs[0])) == len(SOURCE_IDS) + len(TARGET_IDS)
+    heard = dict(zip(names, runs[0], strict=True))
+    # The light ant under full gravity is the ant; nothing else is anything else.
+    assert heard.pop(TARGET_IDS["ant_gravity"]) == heard[SOURCE_IDS["ant"]]
+    assert len(set(heard.values())) == len(heard)

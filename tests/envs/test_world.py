@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pybullet as bullet
 import pytest
 
-from mpge_bench.envs import ROBOTS
+from mpge_bench.envs import ROBOTS, RobotEnv
 from mpge_bench.envs.effects import (
     Armature,
     ComOffset,
@@ -29,8 +32,9 @@ from mpge_bench.envs.effects import (
 )
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
+from mpge_bench.envs.robots import Minitaur
 from mpge_bench.envs.robots.robot import MODELS, Robot
-from mpge_bench.envs.world import World
+from mpge_bench.envs.world import Loop, World
 
 G = 9.81
 MASS, ARM, CENTRAL = 2.0, 0.5, 0.1  # of the pole: kg, m from hinge to centre of mass, kg m² about it
@@ -79,15 +83,25 @@ def _numbers(rng: np.random.Generator, most: float) -> str:
 
 
 def motions(robot: Robot, count: int) -> list[tuple[np.ndarray, np.ndarray, list[float]]]:
-    """Random (q, dq, command), many of them in the ground or beyond an end stop."""
+    """Random (q, dq, command), many of them in the ground or beyond an end stop; the Minitaur's legs are closed."""
     rng = np.random.default_rng(7)
     joints = len(robot.joints)
     low, high = np.full(joints, -1.2), np.full(joints, 1.2)
-    if robot.friction is not None:
+    if robot.friction is not None and not robot.floating:
         low[1], high[1] = 0.1, 1.2
-    command = np.zeros((count, joints))
-    command[:, [robot.joints.index(joint) for joint in robot.actuators]] = rng.uniform(-1, 1, (count, len(robot.actuators))) * robot.gears
-    return list(zip(rng.uniform(low, high, (count, joints)), rng.uniform(-3, 3, (count, joints)), command.tolist(), strict=True))
+    driven = [robot.joints.index(joint) for joint in robot.actuators]
+    found = []
+    for _ in range(count):
+        q, dq, command = rng.uniform(low, high), rng.uniform(-3, 3, joints), np.zeros(joints)
+        if isinstance(robot, Minitaur):
+            q, dq = robot.pose(rng.uniform(0.6, 2.5, 8), rng.uniform(-3, 3, 8))
+        if robot.floating:
+            turn = rng.standard_normal(4)
+            base = np.concatenate((rng.uniform((-5, -5, 0.05), (5, 5, 0.5)), turn / np.linalg.norm(turn)))
+            q, dq = np.concatenate((base, q)), np.concatenate((rng.uniform(-3, 3, 6), dq))
+        command[driven] = robot.command(rng.uniform(-robot.action_limit, robot.action_limit, len(driven)))
+        found.append((q, dq, command.tolist()))
+    return found
 
 
 def after(world: World, q: np.ndarray, dq: np.ndarray, command: list[float], steps: int = 1) -> bytes:
@@ -99,37 +113,57 @@ def after(world: World, q: np.ndarray, dq: np.ndarray, command: list[float], ste
 
 
 def digest(name: str) -> str:
-    """Of all that 300 motions of robot `name` lead to; run in this and in a fresh process."""
+    """Of all that 200 motions of robot `name`, some of them longer, lead to; run in this and in a fresh process."""
     world = ROBOTS[name].world()
-    return hashlib.sha256(b"".join(after(world, *motion) for motion in motions(ROBOTS[name], 300))).hexdigest()
+    reached = [after(world, *motion, steps=10 if index % 20 == 0 else 1) for index, motion in enumerate(motions(ROBOTS[name], 200))]
+    return hashlib.sha256(b"".join(reached)).hexdigest()
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_step_repeats_bit_by_bit_whatever_came_before(name: str) -> None:
     robot = ROBOTS[name]
+    count = 400 if robot.floating else 1000
     world, other = robot.world(), robot.world()
-    pairs = motions(robot, 1000)
+    pairs = motions(robot, count)
     reached, touching = [], 0
     for pair in pairs:
         reached.append(after(world, *pair))
         touching += world.has_contact()
-    assert touching >= 1000 / 3 if robot.friction is not None else touching == 0
-    assert len(set(reached)) == 1000
+    assert touching >= count / 3 if robot.friction is not None else touching == 0
+    assert len(set(reached)) == count
     rng = np.random.default_rng(8)
-    for count, index in enumerate(rng.permutation(1000)):
-        if count % 3 == 0:
+    for turn, index in enumerate(rng.permutation(count)):
+        if turn % 3 == 0:
             world.step([100 * value for value in pairs[index][2]])
             world.step(pairs[index][2])
         assert after(world, *pairs[index]) == reached[index]
     assert [after(other, *pair) for pair in pairs] == reached
 
 
-@pytest.mark.parametrize("name", ["hopper", "half_cheetah"])
+@pytest.mark.parametrize("name", ROBOTS)
 def test_a_whole_motion_repeats_bit_by_bit(name: str) -> None:
     world = ROBOTS[name].world()
     pairs = motions(ROBOTS[name], 20)
     first = [after(world, *pair, steps=25) for pair in pairs]
+    assert len(set(first)) == 20
     assert [after(world, *pair, steps=25) for pair in reversed(pairs)] == first[::-1]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_motion_rolled_is_a_motion_stepped(name: str) -> None:
+    robot = ROBOTS[name]
+    q, dq, _ = motions(robot, 1)[0]
+    commands = [command for _, _, command in motions(robot, 15)]
+    stepped, rolled = robot.world(), robot.world()
+    stepped.set_state(q, dq)
+    states = []
+    for command in commands:
+        stepped.step(command)
+        states.append((stepped.q, stepped.dq))
+    rolled.set_state(q, dq)
+    for ours, other in zip(rolled.roll(np.array(commands)), zip(*states, strict=True), strict=True):
+        assert ours.tolist() == np.array(other).tolist()
+    assert (rolled.q.tolist(), rolled.dq.tolist()) == (stepped.q.tolist(), stepped.dq.tolist())
 
 
 def test_a_fresh_process_repeats_bit_by_bit() -> None:
@@ -315,24 +349,53 @@ def test_a_fast_wheel_stays_fast(tmp_path: Path) -> None:
     assert world.dq == pytest.approx([500.01])
 
 
-@pytest.mark.parametrize(
-    ("q", "dq", "says"),
-    [
-        ([0.0], [0.0, 0.0], r"shape \(2,\)"),
-        ([0.0, 0.0], [0.0, 0.0, 0.0], r"shape \(2,\)"),
-        ([[0.0, 0.0]], [0.0, 0.0], r"shape \(2,\)"),
-        ([0.0, np.nan], [0.0, 0.0], "finite"),
-        ([0.0, 0.0], [np.inf, 0.0], "finite"),
-    ],
-)
-def test_set_state_refuses_what_is_no_state(q: Any, dq: Any, says: str) -> None:
-    world = ROBOTS["inverted_pendulum"].world()
-    world.set_state([0.1, 0.2], [0.3, 0.4])
+#: Changes of a state of the right lengths, by which it becomes none.
+WRONG_STATES: dict[str, tuple[Callable[[np.ndarray, np.ndarray], tuple[Any, Any]], str]] = {
+    "q too short": (lambda q, dq: (q[:-1], dq), r"q of shape \(\d+,\) and dq of shape \(\d+,\); got"),
+    "q too long": (lambda q, dq: (np.append(q, 0.0), dq), "of shape"),
+    "dq too short": (lambda q, dq: (q, dq[:-1]), "of shape"),
+    "dq too long": (lambda q, dq: (q, np.append(dq, 0.0)), "of shape"),
+    "a row": (lambda q, dq: (q[None], dq), "of shape"),
+    "empty": (lambda q, dq: ([], []), "of shape"),
+    "NaN in q": (lambda q, dq: (np.append(q[:-1], np.nan), dq), "finite"),
+    "NaN in dq": (lambda q, dq: (q, np.append(np.nan, dq[1:])), "finite"),
+    "infinite q": (lambda q, dq: (np.append(-np.inf, q[1:]), dq), "finite"),
+    "infinite dq": (lambda q, dq: (q, np.append(dq[:-1], np.inf)), "finite"),
+}
+NO_TURN: dict[str, tuple[Callable[[np.ndarray, np.ndarray], tuple[Any, Any]], str]] = {
+    "no orientation": (lambda q, dq: (np.concatenate((q[:3], np.zeros(4), q[7:])), dq), r"quaternion x, y, z, w at q\[3:7\]")
+}
+WRONG = [
+    pytest.param(name, *wrong, id=f"{name}-{what}")
+    for name, robot in ROBOTS.items()
+    for what, wrong in (WRONG_STATES | (NO_TURN if robot.floating else {})).items()
+]
+
+
+@pytest.mark.parametrize(("name", "change", "says"), WRONG)
+def test_set_state_refuses_what_is_no_state(name: str, change: Callable[..., tuple[Any, Any]], says: str) -> None:
+    world, untouched = ROBOTS[name].world(), ROBOTS[name].world()
+    q, dq, command = motions(ROBOTS[name], 1)[0]
+    for one in (world, untouched):
+        one.set_state(q, dq)
+    before = world.q.tolist(), world.dq.tolist()
     with pytest.raises(UserError, match=says) as error:
-        world.set_state(q, dq)
+        world.set_state(*change(q, dq))
     assert "\n" not in str(error.value)
-    assert world.q.tolist() == [0.1, 0.2]
-    assert world.dq.tolist() == [0.3, 0.4]
+    assert (world.q.tolist(), world.dq.tolist()) == before
+    # And goes on from where it is.
+    for one in (world, untouched):
+        one.step(command)
+    assert (world.q.tolist(), world.dq.tolist()) == (untouched.q.tolist(), untouched.dq.tolist())
+
+
+@pytest.mark.parametrize("name", ["hopper", "ant"])
+@pytest.mark.parametrize("torque", [np.nan, np.inf, -np.inf])
+def test_a_torque_that_is_no_number_is_refused(name: str, torque: float) -> None:
+    world = ROBOTS[name].world()
+    with pytest.raises(UserError, match="finite torques"):
+        world.step([0.0] * (len(world.joints) - 1) + [torque])
+    assert np.isfinite(world.q).all()
 
 
 @pytest.mark.parametrize(
@@ -360,3 +423,276 @@ def test_a_model_that_does_not_load_is_refused(tmp_path: Path, content: str | No
     with pytest.raises(UserError, match=r"model\.urdf: ") as error:
         World(model, timestep=0.005)
     assert "\n" not in str(error.value)
+
+
+def solid(at: str, turn: str, mass: float, x: float, y: float, z: float) -> str:
+    inertia = f'<inertia ixx="{x}" ixy="0.004" ixz="-0.003" iyy="{y}" iyz="0.002" izz="{z}"/>'
+    return f'<inertial><origin xyz="{at}" rpy="{turn}"/><mass value="{mass}"/>{inertia}</inertial>'
+
+
+def tumbler(folder: Path) -> Model:
+    """A user's robot on a floating base whose centre of mass is off its link's frame, and turned; an arm swings on it, a bar slides along it."""
+    path = folder / "tumbler.urdf"
+    links = (
+        f'<link name="hull">{solid("0.12 -0.07 0.2", "0.3 -0.5 0.8", 3, 0.05, 0.07, 0.09)}</link>'
+        f'<link name="arm">{solid("0 0.05 -0.2", "0 0 0", 0.8, 0.02, 0.03, 0.025)}</link>'
+        f'<link name="bar">{solid("0.1 0 0", "0.1 0 0", 0.5, 0.02, 0.03, 0.025)}</link>'
+    )
+    joints = (
+        '<joint name="shoulder" type="continuous"><parent link="hull"/><child link="arm"/><origin xyz="0.2 0.1 -0.1" rpy="0.4 0.2 0"/>'
+        '<axis xyz="0 1 0"/></joint>'
+        '<joint name="slide" type="prismatic"><parent link="hull"/><child link="bar"/><origin xyz="-0.2 0 0"/><axis xyz="1 0 1"/>'
+        '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+    )
+    path.write_text(f'<robot name="tumbler">{links}{joints}</robot>')
+    return Model(path, floating=True)
+
+
+def floating_state(seed: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
+    """Any place, orientation and motion of a floating robot with this many joints."""
+    rng = np.random.default_rng(seed)
+    turn = rng.standard_normal(4)
+    q = np.concatenate((rng.uniform(-1, 1, 3), turn / np.linalg.norm(turn), rng.uniform(-1, 1, joints)))
+    return q, rng.uniform(-2, 2, 6 + joints)
+
+
+def upright(q: np.ndarray) -> np.ndarray:
+    """`q` with the one of the two quaternions for its orientation whose w is not negative."""
+    return np.concatenate((q[:3], q[3:7] * math.copysign(1.0, q[6]), q[7:]))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_floating_base_is_where_it_was_put(tmp_path: Path, seed: int) -> None:
+    world = World(tumbler(tmp_path), timestep=1e-7, gravity=0.0)
+    q, dq = floating_state(seed, 2)
+    scaled = q.copy()
+    scaled[3:7] *= 3.0
+    world.set_state(scaled, dq)
+    assert world.q == pytest.approx(q)
+    # What is read after a step that takes next to no time comes from Bullet.
+    world.step([0.0, 0.0])
+    assert upright(world.q) == pytest.approx(upright(q), abs=1e-6)
+    assert world.dq == pytest.approx(dq, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_place_and_velocity_of_a_floating_base_are_those_of_its_frame(
+    tmp_path: Path, seed: int, in_mujoco: Callable[..., Any], put: Callable[..., None]
+) -> None:
+    model, gravity = tumbler(tmp_path), (1.0, -2.0, -9.0)
+    world, other = World(model, timestep=1e-4, gravity=gravity), in_mujoco(model, gravity=gravity)
+    data = mujoco.MjData(other)
+    q, dq = floating_state(seed, 2)
+    world.set_state(q, dq)
+    put(other, data, world.joints, q, dq)
+    torque = np.random.default_rng(seed).uniform(-0.3, 0.3, 2).tolist()
+    data.qfrc_applied[6:] = torque
+    places = []
+    for _ in range(2000):
+        world.step(torque)
+        mujoco.mj_step(other, data)
+        places.append(world.q[:3])
+    expected_q, expected_dq = as_world_has_it(data)
+    assert np.abs(world.q - q)[:3].max() > 0.1
+    assert upright(world.q) == pytest.approx(upright(expected_q), abs=1e-3)
+    assert world.dq == pytest.approx(expected_dq, abs=1e-3 * max(1.0, np.abs(expected_dq).max()))
+    # The velocity is that of the place.
+    assert (places[-1] - places[-3]) / 2e-4 == pytest.approx(world.dq[:3], abs=0.01)
+
+
+def as_world_has_it(data: Any) -> tuple[np.ndarray, np.ndarray]:
+    """q and dq of a floating robot of which MuJoCo has the same joints in the same order."""
+    q, dq, turn = data.qpos.copy(), data.qvel.copy(), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, data.qpos[3:7])
+    q[3:7] = data.qpos[[4, 5, 6, 3]]
+    dq[3:6] = turn.reshape(3, 3) @ data.qvel[3:6]
+    return q, dq
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_forces_on_a_floating_robot_accelerate_its_centre_of_mass(
+    tmp_path: Path, seed: int, in_mujoco: Callable[..., Any], put: Callable[..., None]
+) -> None:
+    model, gravity = tumbler(tmp_path), (1.0, -2.0, -9.0)
+    forces = {"hull": (3.0, -4.0, 5.0), "arm": (-1.0, 2.0, 0.5), "bar": (0.0, 0.0, 6.0)}
+    world = World(model, timestep=1e-3, gravity=0.0, effects=[Gravity("world", gravity), *(ExternalForce(link, force) for link, force in forces.items())])
+    other = in_mujoco(model)
+    q, dq = floating_state(seed, 2)
+    world.set_state(q, dq)
+    momentum = [momentum_of(other, put, world)]
+    for _ in range(300):
+        world.step([0.4, -0.3])
+        momentum.append(momentum_of(other, put, world))
+    total = sum(world.mass_of(link) for link in world.links)
+    expected = np.sum(list(forces.values()), 0) + total * np.array(gravity)
+    assert (momentum[-1] - momentum[0]) / 0.3 == pytest.approx(expected, abs=0.02 * np.linalg.norm(expected))
+    assert (momentum[1] - momentum[0]) / 1e-3 == pytest.approx(expected, abs=0.02 * np.linalg.norm(expected))
+
+
+def momentum_of(other: Any, put: Callable[..., None], world: World) -> np.ndarray:
+    """The whole robot's momentum, kg m/s, where MuJoCo knows its masses."""
+    data = mujoco.MjData(other)
+    put(other, data, world.joints, world.q, world.dq)
+    mujoco.mj_forward(other, data)
+    mujoco.mj_subtreeVel(other, data)
+    return np.array(data.subtree_linvel[0] * other.body_subtreemass[0])
+
+
+@pytest.mark.parametrize("name", ["ant", "light_ant", "minitaur"])
+def test_the_walking_robots_fall_freely(name: str) -> None:
+    robot = ROBOTS[name]
+    q, dq = robot.initial_state(np.random.default_rng(0))
+    q[2], dq = 8.0, np.zeros(dq.size)
+    for effects, pull in (((), robot.gravity), ((Gravity("world", (2.0, 0.0, -3.0)),), -3.0)):
+        world = robot.world(effects)
+        world.set_state(q, dq)
+        # Servos are told to stay where they are, so that nothing moves against anything.
+        driven = [robot.joints.index(joint) for joint in robot.actuators]
+        command = [float(angle) * (index in driven and bool(robot.servos)) for index, angle in enumerate(q[7:])]
+        for _ in range(10):
+            world.step(command)
+        time = 10 * robot.dt
+        assert world.dq[2] == pytest.approx(pull * time, rel=1e-4)
+        assert world.q[2] - 8.0 == pytest.approx(pull * time**2 / 2, rel=2 * robot.timestep / time)
+        assert world.dq[0] == pytest.approx(2.0 * time if effects else 0.0, abs=1e-4)
+
+
+def test_a_force_on_the_ants_torso_moves_all_of_it() -> None:
+    ant = ROBOTS["ant"]
+    world = ant.world([Gravity("world", (0.0, 0.0, 0.0)), ExternalForce("torso", (0.0, 0.0, 2.0))])
+    q, dq = ant.initial_state(np.random.default_rng(0))
+    q[2:7] = 5.0, 0.0, 0.0, 0.0, 1.0
+    q[7:] = [0.0, 0.9, 0.0, -0.9, 0.0, -0.9, 0.0, 0.9]
+    world.set_state(q, np.zeros(dq.size))
+    world.step([0.0] * 8)
+    total = sum(map(world.mass_of, world.links))
+    # The legs, geared to heavy flywheels, hardly bend.
+    assert world.dq[2] == pytest.approx(2.0 / total * ant.dt, rel=0.05)
+    assert world.dq[[0, 1, 3, 4, 5]] == pytest.approx(np.zeros(5), abs=1e-3)
+
+
+def frames(model: Model, q: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Place and rotation matrix of every link of a floating robot at `q`, worked out from the model's tree alone."""
+    x, y, z, w = q[3:7]
+    base = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    angles, tree = dict(zip(model.joints, q[7:], strict=True)), model.tree()
+    root = next(joint.parent for joint in tree if joint.parent not in {other.child for other in tree})
+    found = {root: (q[:3], base)}
+    for joint in tree:
+        place, turn = found[joint.parent]
+        found[joint.child] = (place + turn @ joint.origin, turn @ joint.turn @ about(joint.axis, angles.get(joint.name, 0.0)))
+    return found
+
+
+def about(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rotation matrix (Rodrigues')."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+def gaps(model: Model, loops: tuple[Loop, ...], q: np.ndarray) -> list[float]:
+    """How far, m, the two points of each loop are from each other at `q`."""
+    placed = frames(model, q)
+    ends = [[placed[link][0] + placed[link][1] @ point for link, point in ((one.link, one.point), (one.other_link, one.other_point))] for one in loops]
+    return [float(np.linalg.norm(here - there)) for here, there in ends]
+
+
+#: Where PyBullet's Minitaur joins its legs' lower ends.
+FEET = tuple(
+    Loop(f"lower_leg_{leg}R_link", (0.0, 0.005, 0.2), f"lower_leg_{leg}L_link", (0.0, 0.01, 0.2))
+    for leg in ("front_left", "back_left", "front_right", "back_right")
+)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_minitaurs_poses_are_closed(seed: int) -> None:
+    minitaur = ROBOTS["minitaur"]
+    q, _, _ = motions(minitaur, 20)[seed]
+    # PyBullet's joints are 5 mm apart along their own axes.
+    assert max(gaps(minitaur.load(), FEET, q)) < 0.006
+
+
+def test_the_minitaurs_loops_stay_closed_while_it_moves() -> None:
+    minitaur = ROBOTS["minitaur"]
+    model, env, rng = minitaur.load(), RobotEnv(minitaur), np.random.default_rng(0)
+    env.reset(seed=0)
+    widest, moved = [], []
+    for step in range(300):
+        action = np.sin(0.15 * step + np.arange(8)) if step < 150 else rng.uniform(-1, 1, 8)
+        env.step(action)
+        widest.append(max(gaps(model, FEET, env.world.q)))
+        moved.append(env.world.q[7:])
+    assert max(widest) < 0.01
+    assert np.ptp(moved, axis=0).min() > 0.3
+
+
+def test_a_loop_at_a_link_that_is_not_there_is_refused() -> None:
+    loop = Loop("torso", (0.0, 0.0, 0.0), "paw", (0.0, 0.0, 0.0))
+    with pytest.raises(UserError, match="a loop is to be closed at link 'paw', which the model has not; it has torso, leg_1") as error:
+        World(ROBOTS["ant"].load(), timestep=0.01, loops=[loop])
+    assert "\n" not in str(error.value)
+
+
+def test_the_lowest_point_is_that_of_the_shapes(tmp_path: Path) -> None:
+    path = tmp_path / "ball.urdf"
+    body = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    ball = '<collision><origin xyz="0.1 0 0.2"/><geometry><sphere radius="0.15"/></geometry></collision>'
+    lever = '<joint name="lever" type="continuous"><parent link="body"/><child link="lever"/></joint>'
+    path.write_text(f'<robot name="ball"><link name="body">{body}{ball}</link><link name="lever">{body}</link>{lever}</robot>')
+    world = World(Model(path, floating=True), timestep=1e-3)
+    # Upright, head over heels, and on its side.
+    for turn, lowest in (((0, 0, 0, 1), 1.0 + 0.2), ((1, 0, 0, 0), 1.0 - 0.2), ((0, 0.5**0.5, 0, 0.5**0.5), 1.0 - 0.1)):
+        world.set_state([0.3, 0.2, 1.0, *turn, 0.0], np.zeros(7))
+        assert world.lowest() == pytest.approx(lowest - 0.15, abs=0.01)
+
+
+def test_the_ants_lowest_points_are_its_feet() -> None:
+    standing, heights = ROBOTS["ant"].world(), []
+    for height in (0.7, 1.2):
+        standing.set_state([0, 0, height, 0, 0, 0, 1, 0, 1.0, 0, -1.0, 0, -1.0, 0, 1.0], np.zeros(14))
+        heights.append(standing.lowest())
+    assert np.diff(heights) == pytest.approx([0.5])
+    # The feet, 0.57 m long and 8 cm thick, point down by 1 rad; the boxes round them go somewhat deeper.
+    assert heights[0] == pytest.approx(0.7 - 0.5657 * math.sin(1.0) - 0.08, abs=0.05)
+
+
+def test_what_touches_nothing_has_no_lowest_point(tmp_path: Path) -> None:
+    assert World(pole(tmp_path), timestep=1e-3).lowest() == math.inf
+
+
+@pytest.mark.parametrize("name", ["hopper", "ant"])
+def test_a_picture_shows_the_robot_and_moves_with_it(name: str) -> None:
+    robot = ROBOTS[name]
+    q, dq = robot.initial_state(np.random.default_rng(0))
+    world, pictures = robot.world(seen=True), []
+    for height in (1.0, 1.3):
+        q[robot.height] = height
+        world.set_state(q, dq)
+        pictures.append(world.render(120, 80, at=(0.0, 0.0, 0.6), distance=2.5))
+    for picture in pictures:
+        assert (picture.shape, picture.dtype) == ((80, 120, 3), np.uint8)
+        assert np.ptp(picture.reshape(-1, 3), axis=0).min() > 20
+    assert (pictures[0] != pictures[1]).any(-1).mean() > 0.01
+
+
+def test_looking_changes_nothing() -> None:
+    for name in ("swingup_pendulum", "hopper", "ant", "minitaur"):
+        robot, motion = ROBOTS[name], []
+        for looking in (False, True):
+            env = RobotEnv(robot, render_mode="rgb_array")
+            env.action_space.seed(4)
+            states = [env.reset(seed=4)[0].tobytes()]
+            for step in range(30):
+                observation, reward, *_ = env.step(env.action_space.sample())
+                states += [observation.tobytes(), reward]
+                if looking and step % 10 == 0:
+                    assert env.render().shape == (300, 400, 3)
+            motion.append(states)
+        assert motion[0] == motion[1], name
