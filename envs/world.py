@@ -181,7 +181,7 @@ class World:
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
         )
-        if any(rubs) or loops or 1.0 in model.rotors.values():
+        if any(rubs) or 1.0 in model.rotors.values():
             # By default the solver stops early, at errors of some hundredths of what friction and heavy rotors do to the motion.
             bullet.setPhysicsEngineParameter(solverResidualThreshold=0, physicsClientId=self._client)
         if any(rubs) and not self._rubbing:
