@@ -76,7 +76,7 @@ def test_tasks_and_methods_are_listed():
     assert all(name in out for name in ("direct", "garat", "mpg", "mpge"))
 
 
-@pytest.mark.parametrize("command", ["run", "sweep", "train-policies", "leaderboard"])
+@pytest.mark.parametrize("command", ["run", "sweep", "train-policies", "leaderboard", "render", "tasks"])
 def test_help_teaches(command):
     code, out, _ = call(command, "--help")
     assert code == 0
