@@ -85,8 +85,11 @@ class UrdfRobot(Robot):
                     raise UserError(f"robot: {key} is {value!r}; give {what}, such as {{elbow: 5}}")
             elif key != "model" and not (key == "friction" and value is None) and not (_is_number(value) and (value >= 0 or key == "timestep")):
                 raise UserError(f"robot: {key} is {value!r}; give a number of at least 0")
-        if not data.get("timestep", 1) > 0 or not all(float(data.get(key, 1)).is_integer() and data.get(key, 1) >= 1 for key in ("substeps", "episode_steps")):
-            raise UserError("robot: timestep must be above 0, substeps and episode_steps whole numbers of at least 1")
+        if not 1e-6 <= data.get("timestep", 1) <= 1:
+            raise UserError(f"robot: timestep must be above 0, from 1e-6 to 1 s; got {data['timestep']}")
+        for key, most in (("substeps", 1000), ("episode_steps", 1_000_000)):
+            if not float(data.get(key, 1)).is_integer() or not 1 <= data.get(key, 1) <= most:
+                raise UserError(f"robot: {key} is {data[key]}; give substeps and episode_steps whole numbers of at least 1, here of at most {most}")
         data |= {key: int(data[key]) for key in ("substeps", "episode_steps") if key in data}
         return kind(**{**data, "name": name, "model": folder / str(data["model"])})
 

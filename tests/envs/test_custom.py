@@ -281,6 +281,7 @@ WRONG_ROBOTS: dict[str, tuple[dict[str, Any], str]] = {
     "no time": ({"timestep": 0}, "timestep must be above 0"),
     "negative time": ({"timestep": -0.01}, "timestep must be above 0"),
     "half a substep": ({"substeps": 2.5}, "substeps and episode_steps whole numbers"),
+    "too many substeps": ({"substeps": 34359738367}, "substeps is 34359738367.*at most 1000"),
     "no substep": ({"substeps": 0}, "whole numbers of at least 1"),
     "no episode": ({"episode_steps": 0}, "whole numbers of at least 1"),
     "a truth value for substeps": ({"substeps": True}, "substeps is True; give a number"),
