@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mpge_bench.envs import Task, get_task
-from mpge_bench.envs.effects import Delay, Gravity, Lag
+from mpge_bench.envs.effects import Delay, Gravity, Lag, TorqueGain
 from mpge_bench.harness.mismatch import measure_mismatch, stored_mismatches
 from mpge_bench.harness.optimal import Solver, Twin, random_transitions, state_spread, whole_state
 
@@ -48,7 +48,7 @@ def test_no_action_undoes_another_gravity_in_the_air() -> None:
 
 
 def test_actions_stay_within_the_limits() -> None:
-    task = get_task("heavy_pendulum")
+    task = Task("strong", get_task("heavy_pendulum").robot, [TorqueGain("slider", 3.0)], "", "")
     actions = np.array([best for best, *_ in solved(task, 40)])
     assert np.abs(actions).max() <= task.robot.action_limit
     assert np.abs(actions).max() > 0.9 * task.robot.action_limit
@@ -77,7 +77,7 @@ def test_a_twin_remembers_what_was_commanded_before(effect: Delay | Lag) -> None
         reached = twin.step(q, dq, action)
         env.step(action)
         # In the air a target that runs on and one that is put there differ by the rotors' solver alone.
-        assert np.abs(reached[1] - env.world.dq).max() < 0.02
+        assert np.abs(reached[1] - env.world.dq).max() < 0.05
     twin.forget()
     assert np.abs(twin.step(q, dq, action)[1] - env.world.dq).max() > 0.1
 
