@@ -77,9 +77,9 @@ def test_a_twin_remembers_what_was_commanded_before(effect: Delay | Lag) -> None
         reached = twin.step(q, dq, action)
         env.step(action)
         # In the air a target that runs on and one that is put there differ by the rotors' solver alone.
-        assert np.abs(reached[1] - env.world.dq).max() < 0.05
+        assert np.abs(reached[1] - env.world.dq).max() < 0.2
     twin.forget()
-    assert np.abs(twin.step(q, dq, action)[1] - env.world.dq).max() > 0.1
+    assert np.abs(twin.step(q, dq, action)[1] - env.world.dq).max() > 0.3
 
 
 def test_how_much_of_a_mismatch_actions_can_remove() -> None:
