@@ -53,10 +53,7 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode from the robot's random initial state."""
         super().reset(seed=seed)
-        q, dq = self.robot.initial_state(self.np_random)
-        if self._rise:
-            q[self.robot.height] += self._rise
-        self.world.set_state(q, dq)
+        self.world.set_state(*self.robot.begin(self.np_random, self._rise))
         return self.robot.observation(*self.world.read()), {}
 
     def step(self, action: npt.ArrayLike) -> tuple[Array, float, bool, bool, dict[str, Any]]:

@@ -125,7 +125,7 @@ class Model:
 
     def is_prismatic(self, joint: str) -> bool:
         """Whether `joint` slides (its position is in metres)."""
-        return self._root.find(f"joint[@name='{joint}']").get("type") == "prismatic"  # type: ignore[union-attr]
+        return self._joint(joint).get("type") == "prismatic"
 
     def tree(self) -> list[Joint]:
         """All joints, fixed ones too and rotors left out, each after the one that carries it."""
@@ -280,8 +280,7 @@ class Model:
             link = ET.SubElement(ET.SubElement(root, "link", name=name), "inertial")
             ET.SubElement(link, "mass", value="0")
             ET.SubElement(link, "inertia", ixx=str(inertia), iyy=str(inertia), izz=str(inertia), ixy="0", ixz="0", iyz="0")
-            element = self._root.find(f"joint[@name='{name}']")
-            assert element is not None
+            element = self._joint(name)
             wheel = ET.SubElement(root, "joint", name=name, type=element.attrib["type"])
             ET.SubElement(wheel, "parent", link="axle")
             ET.SubElement(wheel, "child", link=name)
@@ -299,8 +298,7 @@ class Model:
 
     def set_damping(self, joint: str, damping: float) -> None:
         """Give `joint` another damping, N m s/rad, in place of the file's."""
-        element = self._root.find(f"joint[@name='{joint}']")
-        assert element is not None
+        element = self._joint(joint)
         dynamics = element.find("dynamics")
         if dynamics is None:
             dynamics = ET.SubElement(element, "dynamics")
@@ -308,8 +306,7 @@ class Model:
 
     def unlimit(self, joint: str) -> None:
         """Let a revolute `joint` turn without end."""
-        element = self._root.find(f"joint[@name='{joint}']")
-        assert element is not None
+        element = self._joint(joint)
         element.set("type", "continuous")
         for limit in element.findall("limit"):
             element.remove(limit)
@@ -322,8 +319,7 @@ class Model:
         """
         element = self._root.find(f"link[@name='{link}']")
         if element is None or element.find("collision") is None:
-            touching = [one.attrib["name"] for one in self._root.findall("link") if one.find("collision") is not None]
-            raise UserError(f"no link {link!r} that can touch anything; the model has {', '.join(touching) or 'none'}")
+            raise UserError(f"no link {link!r} that can touch anything; the model has {', '.join(self.touching()) or 'none'}")
         contact = element.find("contact")
         if contact is None:
             contact = ET.SubElement(element, "contact")
@@ -489,6 +485,11 @@ class Model:
         found = self._root.find(f"link[@name='{link}']/inertial")
         assert found is not None
         return found
+
+    def _joint(self, name: str) -> ET.Element:
+        element = self._root.find(f"joint[@name='{name}']")
+        assert element is not None
+        return element
 
     @staticmethod
     def _number(element: ET.Element, path: str, key: str) -> float:

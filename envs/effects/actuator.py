@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
-from mpge_bench.envs.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -248,8 +247,7 @@ class DcMotor(Effect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.current) != len(self.torque) or not self.current or any(b <= a for a, b in zip(self.current, self.current[1:], strict=False)):
-            raise UserError(f"effect dc_motor on {self.target}: `current` and `torque` must be equally long and `current` must rise")
+        self._check_curve("current", "torque")
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         voltage = command[joint] / self.torque_constant * self.resistance - self.torque_constant * dq[joint]

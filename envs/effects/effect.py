@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -131,6 +132,12 @@ class Effect:
                 )
             if parameter.size != 1:
                 object.__setattr__(self, name, tuple(float(number) for number in numbers))
+
+    def _check_curve(self, at: str, values: str) -> None:
+        """Refuse parameters `at` and `values`, by name, that are no curve."""
+        places = getattr(self, at)
+        if len(places) != len(getattr(self, values)) or not places or any(b <= a for a, b in itertools.pairwise(places)):
+            raise UserError(f"effect {self.name} on {self.target}: `{at}` and `{values}` must be equally long and `{at}` must rise")
 
     def install(self, model: Model) -> None:
         """Change `model` once, before it is loaded."""

@@ -207,8 +207,7 @@ class UnknownTorque(Effect):
         super().__post_init__()
         if self.signal not in ("q", "dq", "command"):
             raise UserError(f"effect unknown on {self.target}: signal is {self.signal!r}; choose q, dq or command")
-        if len(self.at) != len(self.torque) or not len(self.at) or any(b <= a for a, b in zip(self.at, self.at[1:], strict=False)):
-            raise UserError(f"effect unknown on {self.target}: `at` and `torque` must be equally long and `at` must rise")
+        self._check_curve("at", "torque")
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         signal = {"q": q, "dq": dq, "command": command}[self.signal][joint]

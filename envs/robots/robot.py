@@ -108,12 +108,17 @@ class Robot(ABC):
             lowest.append(world.lowest())
         return lowest[1] - lowest[0]
 
+    def begin(self, rng: np.random.Generator, rise: float) -> tuple[Array, Array]:
+        """Random q and dq at the start of an episode, set higher by what `rise` says of the effects installed."""
+        q, dq = self.initial_state(rng)
+        if self.height is not None:
+            q[self.height] += rise
+        return q, dq
+
     def room(self, effects: Sequence[Effect] = ()) -> tuple[Array, Array]:
         """Lowest and highest x, y, z, m, of the robot as it starts and, on a fixed base without a ground, wherever its joints may take it."""
         world, rng = self.world(effects), np.random.default_rng(0)
-        q, dq = self.initial_state(rng)
-        if self.height is not None:
-            q[self.height] += self.rise(effects)
+        q, dq = self.begin(rng, self.rise(effects))
         world.set_state(q, dq)
         boxes = [world.room()]
         for _ in range(0 if self.floating or self.friction is not None else 100):

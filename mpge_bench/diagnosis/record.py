@@ -174,10 +174,7 @@ def _episode(world: World, robot: Robot, policy: PolicySet | None, steps: int, r
     actions = random_actions(robot, steps, rng) if policy is None else np.empty((steps, len(robot.actuators)))
     driven = [world.joints.index(joint) for joint in robot.actuators]
     u, q, dq = (np.zeros((steps, size)) for size in (len(world.joints), world.q.size, world.dq.size))
-    start, speed = robot.initial_state(rng)
-    if robot.height is not None:
-        start[robot.height] += rise
-    world.set_state(start, speed)
+    world.set_state(*robot.begin(rng, rise))
     count = 0
     for count in range(1, steps + 1):
         row = count - 1

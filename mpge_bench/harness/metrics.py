@@ -14,7 +14,7 @@ from mpge_bench.baselines.policy import Array, PolicySet
 from mpge_bench.baselines.problem import Transitions
 from mpge_bench.baselines.vector import Identity, Transformation, Worlds
 from mpge_bench.envs import RobotEnv, Task
-from mpge_bench.harness.optimal import REACHED, Solution, Solver, Twin, state_spread, whole_state
+from mpge_bench.harness.optimal import Solution, Solver, Twin, state_spread, whole_state
 
 EPISODES = 50
 ERROR_STEPS = 2048
@@ -98,11 +98,7 @@ def action_transformation_floor(task: Task, steps: int = ERROR_STEPS, seed: int 
     if task.has_action_transformation:
         return 0.0
     rng = np.random.default_rng(seed)
-    distances = []
-    for best, _, again in _solved(task, None, steps, rng, seed):
-        other = again()
-        distances.append(float(np.linalg.norm(best.action - other.action)) if other.miss <= 1.01 * best.miss + REACHED else 0.0)
-    return float(np.mean(distances))
+    return float(np.mean([best.apart(again()) for best, _, again in _solved(task, None, steps, rng, seed)]))
 
 
 def _solved(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mpge_bench.envs import Task
-from mpge_bench.harness.optimal import REACHED, Solver, random_transitions, state_spread, whole_state
+from mpge_bench.harness.optimal import Solver, random_transitions, state_spread, whole_state
 
 #: What `benchmarks/measure_pairs.py` measured of the shipped pairs, by name.
 STORE = Path(__file__).with_name("mismatch.json")
@@ -61,8 +61,7 @@ def measure_mismatch(task: Task, count: int = 300, seed: int = 0, progress: Call
             row += [miss, float(np.linalg.norm(robot.observation(world.q, world.dq) - observed))]
         # Nearest in spreads need not be nearest in plain units; leaving the action alone is a transformation, too.
         row[3] = min(row[1], row[3])
-        apart = np.linalg.norm(best.action - other.action) if other.miss <= 1.01 * best.miss + REACHED else 0.0
-        rows.append([*row, float(np.linalg.norm(best.action - action)), float(apart), best.steps])
+        rows.append([*row, float(np.linalg.norm(best.action - action)), best.apart(other), best.steps])
         progress(1)
     none, error, left, floor, distance, apart, steps = np.mean(rows, axis=0).tolist()
     known = task.has_action_transformation

@@ -44,6 +44,10 @@ class Solution:
     miss: float
     steps: int
 
+    def apart(self, other: Solution) -> float:
+        """How far from this one's action the `other`'s is, found from another start; 0 where the other ended in a worse place."""
+        return float(np.linalg.norm(self.action - other.action)) if other.miss <= 1.01 * self.miss + REACHED else 0.0
+
 
 class Solver:
     """Least squares over the source's action: Gauss-Newton with finite differences within the action limits, from several starts.

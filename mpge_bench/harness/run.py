@@ -116,6 +116,7 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         }
         probe = merge([roll_out(task.target, sources, index, _PROBE // len(sources), SEED) for index in range(len(sources))])
         curve = _curve(task, result)
+        ungrounded, floor = _ungrounded(settings.task)
         data = {
             "schema": SCHEMA,
             **asdict(settings),
@@ -127,8 +128,8 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
             "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),  # type: ignore[union-attr]
             "action_transformation_error": {
                 "value": action_transformation_error(task, result.grounding) if result.grounding else None,
-                "source": action_transformation_error(task, None),
-                "floor": action_transformation_floor(task),
+                "source": ungrounded,
+                "floor": floor,
             },
             "transition_error": {
                 "value": transition_error(task, probe, result.grounding) if result.grounding else None,
@@ -178,6 +179,12 @@ def present_result(settings: RunSettings, out: Path) -> dict[str, Any] | None:
 def _reference(task: str, kind: str, folder: Path) -> Returns:
     """Return in the target of the source or target-optimal policies; the same in every run, so measured once a process."""
     return returns(get_task(task).target, policies.load_set(get_task(task), kind, folder))
+
+
+@functools.cache
+def _ungrounded(task: str) -> tuple[float, float]:
+    """Action-transformation error of the ungrounded source and its floor; the same in every run, so measured once a process."""
+    return action_transformation_error(get_task(task), None), action_transformation_floor(get_task(task))
 
 
 def read_result(path: Path) -> dict[str, Any]:
