@@ -1,25 +1,30 @@
-"""Direct transfer: the source policy, as it is."""
+"""The two references: the source policy as it is, and the policy that was trained in the target."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from mpge_bench.baselines.method import Result
+from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import tensors
+from mpge_bench.baselines.presets import NoSettings
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 
 
-class Direct:
+class Direct(Method):
     """Uses source policy number seed mod K in the target without having seen it: the lower reference, normalised return 0 on average."""
 
     summary = "the source policy, unchanged (lower reference)"
-    preset: str | None = None
+    touches = "nothing"
+    samples = False
 
-    def rollouts(self, seed: int, available: int) -> list[int]:
-        return [seed % available]
-
-    def train(self, problem: Problem, settings: Mapping[str, Any], seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+    def train(self, problem: Problem, settings: NoSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         return Result(tensors(problem.rollouts.weights[0]))
+
+
+class TargetOptimal(Direct):
+    """Uses policy number seed mod K of those that were trained in the target at length: the upper reference, normalised return 1 on average."""
+
+    summary = "a policy trained in the target, 300,000 to 1,000,000 steps (upper reference)"
+    touches = "the target, without limit"
+    policies = "target"

@@ -6,9 +6,8 @@ from mpge_bench.baselines.mpg import MPG
 
 
 class GARAT(MPG):
-    """MPG with K = 1 and N = 1; rollout policy number seed mod K collects all target samples."""
+    """MPG with K = 1 and N = 1; rollout policy number seed mod 5 collects all target samples."""
 
-    summary = "grounding as imitation from observation, one rollout policy (Desai et al. 2020; SPG in Lee et al. 2022)"
-
-    def rollouts(self, seed: int, available: int) -> list[int]:
-        return [seed % available]
+    summary = "grounding as imitation from observation, one rollout policy (SPG)"
+    citation = "Desai et al. 2020"
+    preset = "garat"

@@ -2,55 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import inspect
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
+import pandas as pd
 import torch
 
+from mpge_bench.baselines.policy import Policy
+from mpge_bench.baselines.presets import NoSettings
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.baselines.vector import Transformation
+from mpge_bench.envs.custom import import_object
 from mpge_bench.envs.errors import UserError
 
 
 @dataclass
 class Result:
-    """What a method hands back.
+    """What a method hands back; all but the policy may be left out.
 
     Attributes:
-        policy: state dict of the `GaussianPolicy` to be used in the target.
+        policy: to be used in the target: a state dict of `GaussianPolicy`, or anything that acts like a `Policy`.
         grounding: the action transformation it learnt on the way, if it learns one; the harness measures it too.
         checkpoints: groundings on the way, by control steps done, for the learning curve.
         steps: simulator steps by stage (``grounding``, ``agent``).
         seconds: wall-clock by stage.
+        sweep: policies made with other settings, by label; the harness picks the best of them by its return in the target, as the papers do with their
+            baselines, and reports it beside `policy`, marked as an oracle's choice.
+        episodes: target samples drawn so far and return of each episode played to its end while learning in the target, in order.
+        report: figures of the method's own, plain data for result.json; ``verdict`` in it is a sentence that is shown to the user.
+        residuals: of a grounding, one row a target transition: what no action of the source can do (`Inversion` says what the columns are).
     """
 
-    policy: Mapping[str, torch.Tensor]
+    policy: Mapping[str, torch.Tensor] | Policy
     grounding: Transformation | None = None
     checkpoints: Mapping[int, Transformation] = field(default_factory=dict)
     steps: dict[str, int] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    sweep: Mapping[str, Mapping[str, torch.Tensor]] = field(default_factory=dict)
+    episodes: Sequence[tuple[int, float]] = ()
+    report: dict[str, Any] = field(default_factory=dict)
+    residuals: pd.DataFrame | None = None
 
 
-class Method(Protocol):
-    """A way to get a policy for the target from the source and a few target samples."""
+class Method(ABC):
+    """A way to get a policy for the target from the source and a few target samples.
 
-    #: One line, with the paper.
-    summary: str
-    #: The file of hyperparameters in `presets`; None where there are none.
-    preset: str | None
+    Attributes:
+        summary: what it does, one line.
+        citation: the paper it is from.
+        touches: what it uses besides the source simulator and the source policies.
+        samples: whether it draws target samples; the result of one that does not holds for every budget.
+        settings: dataclass of its hyperparameters.
+        preset: YAML file with their values by preset and task, in `presets` unless it is a path; None where the defaults of `settings` hold.
+        policies: which policies it is given in `Problem.rollouts`: ``source``, or ``target`` for the reference that was trained in the target.
+    """
 
-    def rollouts(self, seed: int, available: int) -> list[int]:
-        """Which of the `available` source policies act in the target."""
+    summary: ClassVar[str] = ""
+    citation: ClassVar[str] = ""
+    touches: ClassVar[str] = "target samples"
+    samples: ClassVar[bool] = True
+    settings: ClassVar[type[Any]] = NoSettings
+    preset: ClassVar[str | Path | None] = None
+    policies: ClassVar[str] = "source"
 
-    def train(self, problem: Problem, settings: Mapping[str, Any], seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+    @abstractmethod
+    def train(self, problem: Problem, settings: Any, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         """Solve `problem`.
 
         Args:
-            problem: source, rollout policies, and the target behind `collect`.
-            settings: from the preset.
+            problem: source, rollout policies, and the target behind `collect` and `worlds`.
+            settings: instance of the class's `settings`, from the preset and the command line.
             seed: repeats the run.
             progress: to be told of stages and steps.
             log_dir: for TensorBoard curves.
@@ -59,22 +86,56 @@ class Method(Protocol):
 
 
 def methods() -> dict[str, Method]:
-    """Our methods by name."""
-    from mpge_bench.baselines.direct import Direct
+    """Our methods by name, references first."""
+    return dict(_methods())
+
+
+@functools.cache
+def _methods() -> dict[str, Method]:
+    from mpge_bench.baselines.ane import ANE
+    from mpge_bench.baselines.direct import Direct, TargetOptimal
     from mpge_bench.baselines.garat import GARAT
+    from mpge_bench.baselines.gat import GAT
+    from mpge_bench.baselines.inversion import Inversion
     from mpge_bench.baselines.mpg import MPG
     from mpge_bench.baselines.mpge import MPGE
+    from mpge_bench.baselines.multipolar import RPL, Multipolar, Scratch
+    from mpge_bench.baselines.rarl import RARL
 
-    return {"direct": Direct(), "garat": GARAT(), "mpg": MPG(), "mpge": MPGE()}
+    return {
+        "direct": Direct(),
+        "target_optimal": TargetOptimal(),
+        "ane": ANE(),
+        "rarl": RARL(),
+        "gat": GAT(),
+        "garat": GARAT(),
+        "mpg": MPG(),
+        "mpge": MPGE(),
+        "inversion": Inversion(),
+        "scratch": Scratch(),
+        "rpl": RPL(),
+        "multipolar": Multipolar(),
+    }
 
 
 def get_method(name: str) -> Method:
-    """The method called `name`.
+    """The method called `name`, or a user's own: ``my_package.mine:MyMethod``.
 
     Raises:
-        UserError: if there is none.
+        UserError: if there is none, or the user's own is no `Method`.
     """
+    if ":" in name:
+        return _import(name)
     known = methods()
     if name not in known:
-        raise UserError(f"unknown method {name!r}; choose one of: {', '.join(known)}")
+        raise UserError(f"unknown method {name!r}; choose one of: {', '.join(known)}; or give your own: my_package.mine:MyMethod")
     return known[name]
+
+
+@functools.cache
+def _import(address: str) -> Method:
+    what = "a subclass of mpge_bench.baselines.method.Method"
+    found = import_object(address, what)
+    if not (inspect.isclass(found) and issubclass(found, Method)) or inspect.isabstract(found):
+        raise UserError(f"{address}: is not {what} with a `train` of its own")
+    return found()

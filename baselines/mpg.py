@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,13 @@ import torch
 from sb3_contrib import TRPO
 from stable_baselines3.common.logger import configure
 
-from mpge_bench.baselines.agent import AgentSettings, StepReport, train_agent
+from mpge_bench.baselines.agent import AgentSettings, StepReport, train_transfer
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
 from mpge_bench.baselines.grounding.transformation import LearntTransformation, TransformationPolicy
-from mpge_bench.baselines.method import Result
-from mpge_bench.baselines.policy import Array, PolicySet, arrays, tensors
-from mpge_bench.baselines.presets import settings_from
+from mpge_bench.baselines.method import Method, Result
+from mpge_bench.baselines.policy import Array, PolicySet, arrays
+from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.baselines.vector import Worlds
@@ -57,15 +57,12 @@ class GroundingSettings:
 
 
 @dataclass(frozen=True)
-class MPGSettings:
+class MPGSettings(RolloutSettings):
     """Hyperparameters of MPG and of its kin: `ensemble` is N, the number of groundings."""
 
     grounding: GroundingSettings
     agent: AgentSettings
     ensemble: int = 1
-    #: Least standard deviation, in units of the action limit, with which the rollout policies act in source and target. PPO's shrinks to about
-    #: 0.1, where that of the paper's SAC stays wide; actions never tried cannot be grounded.
-    rollout_std: float = 0.0
 
 
 def ground(
@@ -190,36 +187,30 @@ def ground_ensemble(
         return [one.get() for one in waiting]
 
 
-class MPG:
+class MPG(Method):
     """MPG: K rollout policies, one grounding (N = 1), the agent learnt in it from the source policy on."""
 
-    summary = "multi-policy grounding, then learning in the grounded source (Lee et al. 2022)"
-    preset: str | None = "mpg"
+    summary = "multi-policy grounding, then learning in the grounded source"
+    citation = "Lee et al. 2022"
+    settings = MPGSettings
+    preset = "mpg"
 
-    def rollouts(self, seed: int, available: int) -> list[int]:
-        # The agent starts from the first of them, so that seeds start from different policies.
-        return [(seed + index) % available for index in range(available)]
-
-    def train(self, problem: Problem, settings: Mapping[str, Any], seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
-        chosen = settings_from(MPGSettings, settings)
+    def train(self, problem: Problem, settings: MPGSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         limit = problem.robot.action_limit
-        rollouts = PolicySet(problem.rollouts.weights, limit, chosen.rollout_std)
+        rollouts = PolicySet(problem.rollouts.weights, limit, settings.rollout_std)
         target = problem.demonstrations(rollouts)
-        members = ground_ensemble(problem, rollouts, target, chosen, seed, progress, log_dir, jobs)
+        members = ground_ensemble(problem, rollouts, target, settings, seed, progress, log_dir, jobs)
         grounded = time.monotonic()
         checkpoints = {
             steps: LearntTransformation(PolicySet([member[steps] for member in members], 2 * limit), limit) for steps in members[0]
         }
         grounding = checkpoints[max(checkpoints)]
-        worlds = Worlds(problem.source, chosen.agent.worlds, seed, grounding)
-        progress.stage("agent in the grounded source", chosen.agent.steps)
-        policy = train_agent(worlds, chosen.agent, seed, start=tensors(problem.rollouts.weights[0]), progress=progress.advance, log_dir=log_dir / "agent")
-        worlds.close()
+        policy, steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
         return Result(
-            policy.state_dict(),
+            policy,
             grounding,
             checkpoints,
-            steps={"grounding": len(members) * max(checkpoints), "agent": worlds.steps},
+            steps={"grounding": len(members) * max(checkpoints), "agent": steps},
             seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
         )

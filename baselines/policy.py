@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
@@ -95,9 +95,13 @@ class GaussianPolicy(ActorCriticPolicy):
         # Every optimizer takes lr, but torch's base class does not say so.
         self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)  # type: ignore[call-arg]
 
+    def _gaussian(self, latent: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and logarithm of the standard deviation, both (n, actuators)."""
+        log_std = torch.clamp(self.log_std_net(latent), *LOG_STD_RANGE) + math.log(self.limit)
+        return self.action_net(latent) * self.limit, log_std
+
     def _get_action_dist_from_latent(self, latent_pi: torch.Tensor) -> Distribution:
-        log_std = torch.clamp(self.log_std_net(latent_pi), *LOG_STD_RANGE) + math.log(self.limit)
-        return self.action_dist.proba_distribution(self.action_net(latent_pi) * self.limit, log_std)
+        return self.action_dist.proba_distribution(*self._gaussian(latent_pi))
 
 
 def arrays(state: Mapping[str, torch.Tensor]) -> dict[str, Array]:
@@ -108,6 +112,18 @@ def arrays(state: Mapping[str, torch.Tensor]) -> dict[str, Array]:
 def tensors(weights: Mapping[str, Array]) -> dict[str, torch.Tensor]:
     """The state dict that `arrays` made `weights` from."""
     return {name: torch.as_tensor(value, dtype=torch.float32) for name, value in weights.items()}
+
+
+class Policy(Protocol):
+    """What acts in the target: one policy, or several that take the episodes in turn."""
+
+    def __len__(self) -> int: ...
+
+    def best(self, observation: Array, member: Array) -> Array:
+        """The mean actions (n, actuators), within the limit, at observations (n, o) of the policies with indices (n,)."""
+
+    def state(self) -> Mapping[str, torch.Tensor]:
+        """Its weights, to be written to a file."""
 
 
 class PolicySet:
@@ -160,6 +176,54 @@ class PolicySet:
     def best(self, observation: Array, member: Array) -> Array:
         """The policies' mean actions (n, actuators), within the limit."""
         return np.clip(self.distribution(observation, member)[0], -self.limit, self.limit)
+
+    def state(self) -> Mapping[str, torch.Tensor]:
+        """State dict of the first policy."""
+        return tensors(self.weights[0])
+
+
+class AggregatedPolicy:
+    """A weighted mean of source policies' actions plus a residual: clip(mean over k of W_k ⊙ a_k(s) + b(s)) (Barekatain et al. 2019).
+
+    Args:
+        state: state dict of b's `GaussianPolicy`, beside it W as ``aggregation``, shape (K, actuators), and the sources' state dicts, their names after
+            ``sources.0.``, ``sources.1.``, ...
+        limit: the action limit.
+    """
+
+    def __init__(self, state: Mapping[str, torch.Tensor], limit: float) -> None:
+        self._state, self.limit = state, limit
+        weights = arrays(state)
+        self._scale = weights["aggregation"]
+        self._residual = PolicySet([weights], limit)
+        prefixes = [f"sources.{k}." for k in range(len(self._scale))]
+        sources = [{name.removeprefix(prefix): value for name, value in weights.items() if name.startswith(prefix)} for prefix in prefixes]
+        self._sources = PolicySet(sources, limit) if sources else None
+
+    def __len__(self) -> int:
+        return 1
+
+    def best(self, observation: Array, member: Array) -> Array:
+        """The mean actions (n, actuators), within the limit."""
+        total = self._residual.distribution(observation, np.zeros(len(observation), int))[0]
+        if self._sources:
+            total = total + np.mean([scale * self._sources.best(observation, np.full(len(observation), k)) for k, scale in enumerate(self._scale)], axis=0)
+        return np.clip(total, -self.limit, self.limit)
+
+    def state(self) -> Mapping[str, torch.Tensor]:
+        """Weights of all its parts."""
+        return self._state
+
+
+def policy_from(found: Mapping[str, torch.Tensor] | Policy, limit: float) -> Policy:
+    """The policy that a method's result holds, as a state dict or as it is.
+
+    Raises:
+        KeyError: if a state dict is of no known kind.
+    """
+    if not isinstance(found, Mapping):
+        return found
+    return AggregatedPolicy(found, limit) if "aggregation" in found else PolicySet([arrays(found)], limit)
 
 
 def policy_set(policies: Sequence[ActorCriticPolicy], limit: float) -> PolicySet:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
 
 from mpge_bench.baselines.policy import Array, PolicySet
 from mpge_bench.baselines.vector import Worlds
@@ -49,21 +52,76 @@ def roll_out(make: Callable[[], RobotEnv], policies: PolicySet, member: int, sam
     return merge(parts)
 
 
+def _measured(found: Transitions, noise: Array, seed: int) -> Transitions:
+    rng = np.random.default_rng(seed)
+    before, after = (rng.normal(size=found.observations.shape) * noise for _ in range(2))
+    same = (found.next_observations[:-1] == found.observations[1:]).all(1)
+    after[:-1][same] = before[1:][same]
+    return Transitions(found.observations + before, found.actions, found.next_observations + after)
+
+
+class MeteredWorlds(VecEnv):
+    """Target worlds to learn in; every step of each draws a sample from the budget, and nothing leads to the worlds themselves.
+
+    Raises:
+        BudgetError: by `step`, once the budget is spent.
+    """
+
+    def __init__(self, worlds: Worlds, draw: Callable[[int], None]) -> None:
+        super().__init__(worlds.num_envs, worlds.observation_space, worlds.action_space)
+        self.limit = worlds.limit
+
+        def step_async(actions: Array) -> None:
+            draw(worlds.num_envs)
+            worlds.step_async(actions)
+
+        # Closures, as `Problem.collect` is.
+        self._step_async = step_async
+        self._reset: Callable[[], Array] = lambda: worlds.reset()
+        self._step_wait: Callable[[], tuple[Array, Array, Array, list[dict[str, Any]]]] = lambda: worlds.step_wait()
+        self._close: Callable[[], None] = lambda: worlds.close()
+
+    def reset(self) -> Array:
+        return self._reset()
+
+    def step_async(self, actions: Array) -> None:
+        self._step_async(actions)
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        return self._step_wait()
+
+    def close(self) -> None:
+        self._close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        if attr_name == "render_mode":  # asked for by stable-baselines3
+            return [None] * self.num_envs
+        raise AttributeError(attr_name)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        raise AttributeError(attr_name)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        raise AttributeError(method_name)
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        return [False] * self.num_envs
+
+
 class Problem:
     """One transfer problem. The target is out of a method's reach but for `collect`.
 
     Attributes:
         task: name, robot and, of the target, nothing: `source` is the environment to learn in.
-        rollouts: the K source policies that may act in the target.
+        rollouts: the K source policies that may act in the target; the agent starts from the first.
         budget: target samples in all.
 
-    Raises:
-        UserError: if the budget has not one sample a rollout policy.
+    Args:
+        noise: standard deviation of the noise on collected observations, as a share of each entry's spread (its standard deviation under the rollout
+            policies in the target). Both ends of a transition are measured; the state between two transitions is measured once.
     """
 
-    def __init__(self, task: Task, rollouts: PolicySet, budget: int, seed: int) -> None:
-        if budget < len(rollouts):
-            raise UserError(f"{budget} target samples are too few for {len(rollouts)} rollout policies; give --samples {len(rollouts)} or more")
+    def __init__(self, task: Task, rollouts: PolicySet, budget: int, seed: int, noise: float = 0.0) -> None:
         self.robot = task.robot
         self.source: Callable[[], RobotEnv] = task.source
         self.rollouts = rollouts
@@ -72,13 +130,24 @@ class Problem:
         target = task.target
 
         # A closure, so that no attribute leads a method to the target.
-        def collect(policies: PolicySet, member: int, samples: int) -> Transitions:
+        def draw(samples: int) -> None:
             if self._drawn + samples > budget:
                 raise BudgetError(f"{task.name}: {samples} target samples asked for, {budget - self._drawn} of {budget} left; collect fewer")
             self._drawn += samples
-            return roll_out(target, policies, member, samples, seed=seed * 1000 + self._drawn)
+
+        def collect(policies: PolicySet, member: int, samples: int) -> Transitions:
+            draw(samples)
+            found = roll_out(target, policies, member, samples, seed=seed * 1000 + self._drawn)
+            return _measured(found, noise * spread(), seed * 1000 + self._drawn) if noise else found
+
+        @functools.cache
+        def spread() -> Array:
+            parts = [roll_out(target, rollouts, member, 200, seed=20220723) for member in range(len(rollouts))]
+            found: Array = merge(parts).observations.std(0)
+            return found
 
         self.collect = collect
+        self.worlds = lambda count: MeteredWorlds(Worlds(target, count, seed), draw)
 
     @property
     def drawn(self) -> int:
@@ -86,7 +155,13 @@ class Problem:
         return self._drawn
 
     def demonstrations(self, policies: PolicySet) -> Transitions:
-        """Spend the whole budget in equal shares on `policies` (what does not divide goes to the first ones)."""
+        """Spend the whole budget in equal shares on `policies` (what does not divide goes to the first ones).
+
+        Raises:
+            UserError: if the budget has not one sample a policy.
+        """
         count = len(policies)
+        if self.budget < count:
+            raise UserError(f"{self.budget} target samples are too few for {count} rollout policies; give --samples {count} or more")
         shares = [self.budget // count + (index < self.budget % count) for index in range(count)]
         return merge([self.collect(policies, index, share) for index, share in enumerate(shares)])

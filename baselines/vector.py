@@ -10,6 +10,7 @@ import numpy.typing as npt
 from gymnasium import Env
 from stable_baselines3.common.vec_env import VecEnv
 
+from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.envs import RobotEnv
 
 Array = npt.NDArray[Any]
@@ -31,6 +32,18 @@ class Identity:
 
     def __call__(self, observation: Array, action: Array, member: Array) -> Array:
         return action
+
+
+class Noise:
+    """ã = a + Gaussian noise of standard deviation `std`, in units of the action limit."""
+
+    members = 1
+
+    def __init__(self, std: float, limit: float, seed: int) -> None:
+        self.std, self.rng = std * limit, np.random.default_rng(seed)
+
+    def __call__(self, observation: Array, action: Array, member: Array) -> Array:
+        return action + self.std * self.rng.standard_normal(action.shape)
 
 
 class Worlds(VecEnv):
@@ -119,3 +132,20 @@ class Worlds(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: type[Env[Any, Any]], indices: Any = None) -> list[bool]:
         return [False for _ in self._get_indices(indices)]
+
+
+class DiverseWorlds(Worlds):
+    """Worlds in which it also pays to be where earlier policies are undecided: `coefficient` times the mean over them of H(πi(·|s)) is added to the reward.
+
+    That is how an entropy-regularised set is made, one policy after the other (MPGE, section 4). Entropies are of the Gaussian in units of the action limit.
+    """
+
+    def __init__(self, make: Callable[[], RobotEnv], count: int, seed: int, earlier: PolicySet, coefficient: float) -> None:
+        super().__init__(make, count, seed)
+        self.earlier, self.coefficient = earlier, coefficient
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        stds = [self.earlier.distribution(self.observations, np.full(self.num_envs, one))[1] for one in range(len(self.earlier))]
+        entropy = np.mean([(np.log(std / self.limit) + 0.5 * np.log(2 * np.pi * np.e)).sum(1) for std in stds], axis=0)
+        observations, rewards, dones, infos = super().step_wait()
+        return observations, rewards + self.coefficient * entropy, dones, infos

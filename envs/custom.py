@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -16,18 +18,29 @@ from mpge_bench.envs.robots.urdf_robot import UrdfRobot
 from mpge_bench.envs.task import Task
 
 
+def import_object(name: str, what: str) -> Any:
+    """What ``module:attribute`` names, which is to be `what`; modules are looked for in the working directory, too.
+
+    Raises:
+        UserError: if there is none.
+    """
+    module, _, attribute = name.partition(":")
+    if "" not in sys.path:  # where Python was not started with -m
+        sys.path.insert(0, "")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except Exception as error:  # a user's module may fail in any way
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UserError(f"{name}: cannot be imported ({why}); give MODULE:NAME, where NAME is {what}") from error
+
+
 def import_task(name: str) -> Task:
     """The pair called ``module:attribute``.
 
     Raises:
         UserError: if there is none.
     """
-    module, _, attribute = name.partition(":")
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # a user's module may fail in any way
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        raise UserError(f"{name}: cannot be imported ({what}); give MODULE:NAME, where NAME is a mpge_bench.envs.Task") from error
+    found = import_object(name, "a mpge_bench.envs.Task")
     if not isinstance(found, Task):
         raise UserError(f"{name}: is a {type(found).__name__}, not a mpge_bench.envs.Task")
     return replace(found, address=name)

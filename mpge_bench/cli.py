@@ -26,8 +26,12 @@ app = typer.Typer(
 _out = Console(highlight=False)
 
 _TASK_HELP = "Source/target pair; `tasks` lists them."
-_METHOD_HELP = "Transfer method; `methods` lists them."
+_METHOD_HELP = "Transfer method; `methods` lists them. Or your own: my_package.mine:MyMethod."
 _PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days)."
+_SET_HELP = "Change a setting of the preset, KEY=VALUE, for instance agent.steps=100000; may be given several times. A wrong KEY names those there are."
+_NOISE_HELP = "Noise on the recorded target states, as a share of each coordinate's spread."
+_ROLLOUTS_HELP = "Source policies that collect: ms (different seeds) or er (an entropy-regularised set). Short for --set rollouts=..."
+_DIVERGENCE_HELP = "Of garat, mpg and mpge: gail, airl, fairl or wail. Short for --set grounding.discriminator.divergence=..."
 _POLICIES_HELP = "Folder with the source and target-optimal policies, if not the shipped ones."
 
 
@@ -38,31 +42,51 @@ def run(
     samples: Annotated[int, typer.Option(min=1, help="Target transitions the method may collect.")] = 1000,
     preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
     seed: Annotated[int, typer.Option(min=0, help="Repeats a run; also says which source policy the agent starts from.")] = 0,
+    changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
+    rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
+    divergence: Annotated[str | None, typer.Option(help=_DIVERGENCE_HELP)] = None,
+    noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
+    config: Annotated[Path | None, typer.Option(help="Run what this result.json holds again, its settings and all; with --out and --jobs only.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
 ) -> None:
     """Run one method on one pair, measure it and print what came out.
 
-    Example: python -m mpge_bench run --method mpge --task broken_hopper
+    Examples: python -m mpge_bench run --method mpge --task broken_hopper
 
-    The result goes to OUT/TASK/METHOD/nSAMPLES/PRESET/seedSEED: result.json, the policy, the learning curve and TensorBoard curves.
+    python -m mpge_bench run --method mpg --rollouts er --set policies=3 --set agent.steps=100000
+
+    python -m mpge_bench run --config runs/broken_hopper/mpge/n1000/standard/seed0/result.json --out again
+
+    The result goes to OUT/TASK/METHOD/nSAMPLES/PRESET/seedSEED (n0 if the method draws no target samples; what --set changed stands behind the preset):
+    result.json, which holds all settings, the policy, the learning curve and TensorBoard curves.
     A result that is there already is shown, not made again; remove its folder to run anew.
     """
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness import run as harness
     from mpge_bench.policies import home
 
-    settings = harness.RunSettings(task, method, samples, preset, seed)
+    if config:
+        settings, chosen = harness.stored_run(config)
+        task = settings.task
+    else:
+        settings = harness.RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
+        chosen = settings.effective()
     folder = settings.folder(out)
-    present = harness.present_result(settings, out)
+    present = harness.present_result(settings, out, chosen)
     if present:
         _out.print(f"{folder} holds the result of this run already:")
         _show(present, folder)
         return
     with ConsoleProgress() as progress:
-        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress)
+        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
     _show(result, folder)
+
+
+def _overrides(changes: list[str] | None, rollouts: str | None, divergence: str | None) -> tuple[str, ...]:
+    short = {"rollouts": rollouts, "grounding.discriminator.divergence": divergence}
+    return (*(changes or ()), *(f"{key}={value}" for key, value in short.items() if value))
 
 
 @app.command()
@@ -72,6 +96,10 @@ def sweep(
     samples: Annotated[list[int] | None, typer.Option(help="May be given several times; 1000 if not given.")] = None,
     preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
     seeds: Annotated[int, typer.Option(min=1, help="Seeds 0 to SEEDS - 1.")] = 3,
+    changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
+    rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
+    divergence: Annotated[str | None, typer.Option(help=_DIVERGENCE_HELP)] = None,
+    noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = os.cpu_count() or 1,
@@ -86,7 +114,12 @@ def sweep(
     from mpge_bench.harness.run import RunSettings
     from mpge_bench.policies import home
 
-    plan = [RunSettings(t, m, n, preset, s) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
+    overrides = _overrides(changes, rollouts, divergence)
+    runs = [RunSettings(t, m, n, preset, s, overrides, noise) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
+    for settings in runs:
+        settings.effective()  # a wrong name is to be known before hours of work
+    # A method that draws no samples is run once for all budgets.
+    plan = list(dict.fromkeys(runs))
     failed: list[str] = []
     try:
         with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
@@ -124,27 +157,32 @@ def _run_quietly(call: tuple[Any, Path, Path]) -> tuple[Any, dict[str, Any] | No
 @app.command("train-policies")
 def train_policies(
     task: Annotated[str, typer.Option(help=_TASK_HELP)],
-    kind: Annotated[str, typer.Option(help="source, target or both.")] = "both",
+    kind: Annotated[
+        str, typer.Option(help="source, target, both, or er: the entropy-regularised set, whose policies are trained one after the other.")
+    ] = "both",
     out: Annotated[Path | None, typer.Option(help="Folder for the policies, if not the shipped ones' own.")] = None,
     force: Annotated[bool, typer.Option(help="Train those that are there already, too.")] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = os.cpu_count() or 1,
 ) -> None:
-    """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card."""
+    """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card.
+
+    The entropy-regularised set (--kind er) is made of five source policies, too: each is paid to go where those before it are undecided (MPGE, section 4).
+    """
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.policies import FOLDER, SEEDS, home, policy_path
 
     pair, folder = get_task(task), out or home(task)
-    if kind not in ("source", "target", "both"):
-        raise UserError(f"unknown kind {kind!r}; choose source, target or both")
-    plan = [(one, seed) for one in ("source", "target") if kind in (one, "both") for seed in SEEDS[one]]
+    if kind not in ("source", "target", "both", "er"):
+        raise UserError(f"unknown kind {kind!r}; choose source, target, both or er")
+    plan = [(one, seed) for one in SEEDS if kind == one or (kind == "both" and one != "er") for seed in SEEDS[one]]
     if not force:
         places = {folder, FOLDER} if folder == home(task) else {folder}
         plan = [item for item in plan if not any(policy_path(pair, *item, place).exists() for place in places)]
     if not plan:
         _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
         return
-    with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
+    with ConsoleProgress() as progress, worker_pool(1 if kind == "er" else min(jobs, len(plan))) as pool:
         progress.stage(f"{len(plan)} policies", len(plan))
         for path in pool.imap_unordered(_train_quietly, [(task, one, seed, folder) for one, seed in plan]):
             progress.console.print(f"{path}: written")
@@ -376,18 +414,22 @@ def tasks(
 
 @app.command()
 def methods() -> None:
-    """List the transfer methods."""
+    """List the transfer methods: what they do, where they are from, and what each may touch besides the source and its policies.
+
+    Your own method is a subclass of mpge_bench.baselines.method.Method; README has a complete example.
+    """
     from mpge_bench.baselines.method import methods as known
 
-    drawn = Table("method", "what it does")
+    drawn = Table("method", "what it does", "from", "touches, besides the source and its policies")
     for name, method in known().items():
-        drawn.add_row(name, method.summary)
-    _out.print(drawn)
+        drawn.add_row(name, method.summary, method.citation or "–", method.touches)
+    (_out if _out.is_terminal else Console(highlight=False, width=140)).print(drawn)
 
 
 def _show(result: dict[str, Any], folder: Path) -> None:
     found = result["returns"]
-    drawn = Table("", result["method"], "reference", title=f"{result['task']}, {result['samples']} target samples, {result['preset']}, seed {result['seed']}")
+    settings = f"{result['samples']} target samples, {result.get('variant', result['preset'])}, seed {result['seed']}"
+    drawn = Table("", result["method"], "reference", title=f"{result['task']}, {settings}")
 
     def number(value: float | None, digits: int = 3) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
@@ -402,7 +444,15 @@ def _show(result: dict[str, Any], folder: Path) -> None:
     drawn.add_row("return in the grounded source", spread("grounded"), "")
     for name, label in (("action_transformation_error", "action-transformation error"), ("transition_error", "transition error")):
         drawn.add_row(label, number(result[name]["value"]), f"{number(result[name]['source'])} ungrounded")
+    if result.get("oracle"):
+        oracle = result["oracle"]
+        chosen = f"{oracle['returns']['mean']:.1f} ± {oracle['returns']['std']:.1f}"
+        drawn.add_row("return: oracle's choice from the sweep", chosen, f"{oracle['chosen']}, chosen by {oracle['target_episodes']} target episodes")
+    for share, value in (result.get("learning") or {}).items():
+        drawn.add_row(f"mean episode in the first {share}% of the samples", number(value, 1), "")
     _out.print(drawn)
+    if result.get("report", {}).get("verdict"):
+        _out.print(result["report"]["verdict"], markup=False, soft_wrap=True)
     seconds = result["wall_clock_s"]
     _out.print(f"{result['target_samples']} target samples used; {sum(result['simulator_steps'].values()):,} simulator steps; {seconds['total']:.0f} s.")
     _out.print(f"Written to {folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}", soft_wrap=True)

@@ -17,15 +17,28 @@ from mpge_bench.harness.run import read_result
 _RESAMPLES, _SEED = 2000, 0
 
 
+#: Behind the name of a method whose settings were chosen by their return in the target.
+ORACLE = " (oracle)"
+
+
 def collect(folder: Path) -> pd.DataFrame:
-    """One row a result found anywhere under `folder`."""
-    return pd.DataFrame([_row(read_result(path)) for path in sorted(folder.rglob("result.json"))])
+    """One row a result found anywhere under `folder`; another for the oracle's choice where there is one."""
+    rows: list[dict[str, Any]] = []
+    for path in sorted(folder.rglob("result.json")):
+        result = read_result(path)
+        rows.append(_row(result))
+        if result.get("oracle"):
+            oracle = {"method": result["method"] + ORACLE, "return": result["oracle"]["returns"]["mean"]}
+            rows.append(rows[-1] | oracle | {"normalized_return": result["oracle"]["normalized_return"]})
+    return pd.DataFrame(rows)
 
 
 def _row(result: dict[str, Any]) -> dict[str, Any]:
     found = result["returns"]
     return {
-        **{key: result[key] for key in ("task", "method", "samples", "preset", "seed")},
+        **{key: result[key] for key in ("task", "method", "samples")},
+        "preset": result.get("variant", result["preset"]),
+        "seed": result["seed"],
         "return": found["policy"]["mean"],
         "direct": found["direct"]["mean"],
         "target_optimal": found["target_optimal"]["mean"],
@@ -59,6 +72,8 @@ def summarize(results: pd.DataFrame) -> pd.DataFrame:
     """One row a task, sample size, preset and method: interquartile means over seeds, best normalised return first."""
     rows = []
     for key, group in results.groupby(["task", "samples", "preset", "method"]):
+        # A column of nothing but None, where the references are too near each other to normalise by, is no column of numbers.
+        group = group.astype({"normalized_return": float})
         low, high = interval(group["normalized_return"].to_numpy())
         rows.append(
             dict(zip(("task", "samples", "preset", "method"), key, strict=True))

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter1d
 
-from mpge_bench.baselines.policy import PolicySet, arrays, load_state
+from mpge_bench.baselines.policy import Policy, load_state, policy_from
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.diagnosis.record import random_actions
 from mpge_bench.envs import RobotEnv, Task, get_task
@@ -147,11 +147,11 @@ def _actor(settings: RenderSettings, task: Task, steps: int, folder: Path) -> Ca
         return lambda step, observation: actions[step]
     if name in ("source", "target"):
         try:
-            policies = load_set(task, name, folder)
+            policies: Policy = load_set(task, name, folder)
         except UserError as error:
             raise UserError(f"{error}; --policy random needs none") from error
     elif name.endswith(".safetensors"):
-        policies = PolicySet([arrays(load_state(Path(name), robot.observation_size, len(robot.actuators)))], robot.action_limit)
+        policies = policy_from(load_state(Path(name), robot.observation_size, len(robot.actuators)), robot.action_limit)
     else:
         raise UserError(f"unknown policy {name!r}; choose source, target, random or the path of a .safetensors file")
     member = np.array([settings.seed % len(policies)])

@@ -1,1 +1,1 @@
-"""What the grounding methods share: the augmented MDP, the action transformation policy, the discriminator."""
+"""What the grounding methods share: the source run backwards, the augmented MDP, the action transformation policy, the discriminator, networks."""

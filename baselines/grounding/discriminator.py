@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -14,7 +15,14 @@ from mpge_bench.baselines.problem import Transitions
 
 @dataclass(frozen=True)
 class DiscriminatorSettings:
-    """Hyperparameters of the discriminator; defaults as in MPGE's appendix."""
+    """Hyperparameters of the discriminator; defaults as in MPGE's appendix.
+
+    Attributes:
+        divergence: what πg minimises between grounded and target transitions (GARAT, appendix), by the loss of D and the reward made of it: ``gail``
+            (Jensen-Shannon), ``airl`` (reverse Kullback-Leibler), ``fairl`` (forward Kullback-Leibler) or ``wail`` (Wasserstein).
+    """
+
+    divergence: Literal["gail", "airl", "fairl", "wail"] = "gail"
 
     width: int = 256
     learning_rate: float = 3e-4
@@ -68,7 +76,10 @@ class Discriminator:
             between = (mix * fake + (1 - mix) * real).requires_grad_()
             (gradient,) = torch.autograd.grad(self.network(between).sum(), between, create_graph=True)
             penalty = ((gradient.norm(dim=1) - 1) ** 2).mean()
-            loss = nn.functional.binary_cross_entropy_with_logits(logits, labels)
+            if settings.divergence == "wail":  # a critic, no classifier: high on grounded transitions, low on the target's
+                loss, entropy = logits[len(fake) :].mean() - logits[: len(fake)].mean(), torch.zeros(())
+            else:
+                loss = nn.functional.binary_cross_entropy_with_logits(logits, labels)
             self.optimizer.zero_grad()
             (loss - settings.entropy_coefficient * entropy + settings.gradient_penalty * penalty).backward()
             self.optimizer.step()
@@ -77,7 +88,17 @@ class Discriminator:
         return log
 
     def reward(self, transitions: Transitions) -> Array:
-        """−log D(s, a, s') of shape (n,): large where a grounded transition passes for the target's."""
+        """Large where a grounded transition passes for the target's, shape (n,).
+
+        With h = log(1 − D) − log D, the log ratio of the target's density to the grounded one: −log D (``gail``), h (``airl``; Fu et al. 2018),
+        −h exp(h) (``fairl``; Ghasemipour et al. 2019; h is cut off at ±5), the critic's opposite, h again (``wail``; Xiao et al. 2019).
+        """
         with torch.no_grad():
-            logits = self.network(self._normalised(transitions))[:, 0]
-            return nn.functional.softplus(-logits).numpy()
+            ratio = -self.network(self._normalised(transitions))[:, 0]
+            if self.settings.divergence == "gail":
+                ratio = nn.functional.softplus(ratio)
+            elif self.settings.divergence == "fairl":
+                ratio = torch.clamp(ratio, -5, 5)
+                ratio = -ratio * torch.exp(ratio)
+            reward: Array = ratio.numpy()
+        return reward

@@ -1,11 +1,12 @@
-"""Hyperparameters as data: one YAML file a method, keyed by preset, then by task; this module reads them."""
+"""Hyperparameters as data: one YAML file a method, keyed by preset, then by task; this module reads and checks them."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -17,6 +18,27 @@ PRESETS = ("smoke", "standard", "paper")
 Settings = TypeVar("Settings")
 
 
+@dataclass(frozen=True)
+class NoSettings:
+    """Of a method that has no hyperparameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutSettings:
+    """Which source policies collect the target's samples, and how widely they act.
+
+    Attributes:
+        rollouts: ``ms``: policies that differ by the seed of their training; ``er``: an entropy-regularised set, each trained to differ from those before.
+        policies: K, how many of the five; policy number seed mod 5 comes first, and the agent starts from it.
+        rollout_std: least standard deviation, in units of the action limit, with which they act in source and target. PPO's shrinks to about 0.1, where that of
+            the papers' SAC stays wide; actions never tried cannot be grounded.
+    """
+
+    rollouts: Literal["ms", "er"] = "ms"
+    policies: int = 5
+    rollout_std: float = 0.0
+
+
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in change.items():
@@ -24,26 +46,63 @@ def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def load_preset(name: str, preset: str, task: str) -> dict[str, Any]:
-    """The hyperparameters in ``<name>.yaml`` under `preset`: those for all tasks, overridden by those for `task`.
+def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
+    """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
     A file may say ``inherits: other`` and then holds only what differs from the other's.
 
     Raises:
-        UserError: if there is no such preset.
+        UserError: if there is no such preset, or the file cannot be read.
     """
     if preset not in PRESETS:
         raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
-    data = yaml.safe_load((FOLDER / f"{name}.yaml").read_text())
-    base = load_preset(data["inherits"], preset, task) if "inherits" in data else {}
-    for section in ("all", preset):
-        for key in ("default", task):
-            base = _merge(base, data.get(section, {}).get(key) or {})
+    path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
+    try:
+        data = yaml.safe_load(path.read_text())
+        base = load_preset(data["inherits"], preset, task) if "inherits" in data else {}
+        for section in ("all", preset):
+            for key in ("default", task):
+                base = _merge(base, data.get(section, {}).get(key) or {})
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
+        raise UserError(f"{path}: not a readable preset file ({' '.join(str(error).split())}); see mpg.yaml in {FOLDER} for what one looks like") from error
     return base
 
 
-def settings_from(kind: type[Settings], data: Mapping[str, Any]) -> Settings:
-    """The settings dataclass `kind` (nested ones too) with the values in `data`.
+def parse_overrides(pairs: Iterable[str]) -> dict[str, Any]:
+    """Nested settings from ``a.b=value`` strings; a value is read as YAML is (3e5 and 300000 are the same number).
+
+    Raises:
+        UserError: if one is not of that form.
+    """
+    found: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        if not equals or not all(key.split(".")):
+            raise UserError(f"--set {pair}: give it as KEY=VALUE, for instance agent.steps=100000")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise UserError(f"--set {pair}: the value cannot be read ({' '.join(str(error).split())})") from error
+        for part in reversed(key.split(".")):
+            value = {part: value}
+        found = _merge(found, value)
+    return found
+
+
+def load_settings(kind: type[Settings], name: str | Path | None, preset: str, task: str, overrides: Mapping[str, Any] | None = None) -> Settings:
+    """The settings `kind` with the values of a preset file (none: the defaults) and, over them, `overrides`.
+
+    Raises:
+        UserError: if there is no such preset, or a key or value is wrong.
+    """
+    if preset not in PRESETS:
+        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
+    data = load_preset(name, preset, task) if name else {}
+    return settings_from(kind, _merge(data, overrides or {}))
+
+
+def settings_from(kind: type[Settings], data: Mapping[str, Any], path: str = "") -> Settings:
+    """The settings dataclass `kind` (nested ones too) with the values in `data`; `path` is where in the whole it stands.
 
     Raises:
         UserError: if a key is unknown or missing or a value has the wrong type.
@@ -52,23 +111,33 @@ def settings_from(kind: type[Settings], data: Mapping[str, Any]) -> Settings:
     fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     unknown = set(data) - set(fields)
     if unknown:
-        raise UserError(f"unknown setting {', '.join(sorted(unknown))}; {kind.__name__} has {', '.join(fields)}")
-    values = {}
-    for key, value in data.items():
-        hint = hints[key]
-        if dataclasses.is_dataclass(hint):
-            value = settings_from(hint, value)  # type: ignore[arg-type]
-        elif hint is float and isinstance(value, int | float) and not isinstance(value, bool):
-            value = float(value)
-        elif hint in (int, str) and (not isinstance(value, hint) or isinstance(value, bool)):
-            raise UserError(f"setting {key} of {kind.__name__} takes {hint.__name__}, not {value!r}")
-        elif hint is float:
-            raise UserError(f"setting {key} of {kind.__name__} takes a number, not {value!r}")
-        values[key] = value
-    missing = [name for name, field in fields.items() if name not in values and _required(field)]
+        raise UserError(f"unknown setting {', '.join(path + key for key in sorted(unknown))}; {kind.__name__} has {', '.join(fields) or 'none'}")
+    values = {key: _value(hints[key], value, path + key) for key, value in data.items()}
+    missing = [path + name for name, field in fields.items() if name not in values and _required(field)]
     if missing:
         raise UserError(f"setting {', '.join(missing)} of {kind.__name__} is missing")
     return kind(**values)
+
+
+def _value(hint: Any, value: Any, key: str) -> Any:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if dataclasses.is_dataclass(hint):
+        if not isinstance(value, Mapping):
+            raise UserError(f"setting {key} holds several; set one of them, such as {key}.{next(iter(get_type_hints(hint)))}")
+        return settings_from(hint, value, f"{key}.")  # type: ignore[arg-type]
+    if get_origin(hint) is Literal:
+        if value not in get_args(hint):
+            raise UserError(f"setting {key} is {value!r}; choose one of: {', '.join(map(str, get_args(hint)))}")
+        return value
+    if get_origin(hint) is tuple:
+        if not isinstance(value, list | tuple):
+            raise UserError(f"setting {key} takes a list, such as [0.1, 0.2], not {value!r}")
+        return tuple(_value(get_args(hint)[0], one, key) for one in value)
+    if hint is int and isinstance(value, float) and value.is_integer():
+        return int(value)
+    if (hint is float and not number) or (hint is int and not (number and isinstance(value, int))):
+        raise UserError(f"setting {key} takes {'a number' if hint is float else 'a whole number'}, not {value!r}")
+    return float(value) if hint is float else value
 
 
 def _required(field: dataclasses.Field[Any]) -> bool:

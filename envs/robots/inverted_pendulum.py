@@ -32,6 +32,10 @@ class InvertedPendulum(Robot):
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:
         return rng.uniform(-0.01, 0.01, 2), rng.uniform(-0.01, 0.01, 2)
 
+    @property
+    def observation_names(self) -> list[str]:
+        return [*self.joints, *(f"speed of {joint}" for joint in self.joints)]
+
     def observation(self, q: Array, dq: Array) -> Array:
         return np.concatenate((q, dq))
 

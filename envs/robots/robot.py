@@ -71,6 +71,11 @@ class Robot(ABC):
     def _gears(self) -> list[float]:
         return list(self.actuators.values())
 
+    @property
+    def observation_names(self) -> list[str]:
+        """What each entry of the observation is."""
+        return [f"observation {index}" for index in range(self.observation_size)]
+
     def load(self) -> Model:
         """The robot's model, as the source has it."""
         return Model(self.model, floating=self.floating)
@@ -167,6 +172,10 @@ class Runner(Robot):
     height = 1
     healthy_reward: ClassVar[float] = 0.0
     velocity_clip: ClassVar[float] = np.inf
+
+    @property
+    def observation_names(self) -> list[str]:
+        return [*self.joints[1:], *(f"speed of {joint}" for joint in self.joints)]
 
     def observation(self, q: Array, dq: Array) -> Array:
         values, most = dq.tolist(), self.velocity_clip

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from mpge_bench.baselines.policy import Array, PolicySet
+from mpge_bench.baselines.grounding.inverse import Solution, Solver
+from mpge_bench.baselines.policy import Array, Policy
 from mpge_bench.baselines.problem import Transitions
 from mpge_bench.baselines.vector import Identity, Transformation, Worlds
 from mpge_bench.envs import RobotEnv, Task
-from mpge_bench.harness.optimal import Solution, Solver, Twin, state_spread, whole_state
+from mpge_bench.harness.optimal import Twin, state_spread, whole_state
 
 EPISODES = 50
 ERROR_STEPS = 2048
@@ -35,7 +36,7 @@ class Returns:
 
 
 def returns(
-    make: Callable[[], RobotEnv], policies: PolicySet, episodes: int = EPISODES, transformation: Transformation | None = None, seed: int = SEED
+    make: Callable[[], RobotEnv], policies: Policy, episodes: int = EPISODES, transformation: Transformation | None = None, seed: int = SEED
 ) -> Returns:
     """Returns of the mean actions of `policies`, which take the episodes in turn.
 
@@ -65,6 +66,22 @@ def normalized_return(policy: float, direct: float, target_optimal: float) -> fl
     """
     span = target_optimal - direct
     return None if abs(span) < 1e-9 else float((policy - direct) / span)
+
+
+def learning(episodes: Sequence[tuple[int, float]], budget: int) -> dict[str, float | None] | None:
+    """Mean return of all episodes that ended within the first 25, 50, 75 and 100% of the target budget, as MULTIPOLAR reports it.
+
+    Args:
+        episodes: target samples drawn so far, and return, of each episode.
+        budget: target samples in all.
+
+    Returns:
+        By percentage, None where no episode had ended; None if the method did not learn in the target.
+    """
+    if not episodes:
+        return None
+    found = {share: [value for drawn, value in episodes if drawn <= budget * share / 100] for share in (25, 50, 75, 100)}
+    return {str(share): float(np.mean(values)) if values else None for share, values in found.items()}
 
 
 def action_transformation_error(task: Task, transformation: Transformation | None, steps: int = ERROR_STEPS, seed: int = SEED) -> float:

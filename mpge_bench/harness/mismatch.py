@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from mpge_bench.baselines.grounding.inverse import Solver
 from mpge_bench.envs import Task
-from mpge_bench.harness.optimal import Solver, random_transitions, state_spread, whole_state
+from mpge_bench.harness.optimal import random_transitions, state_spread, whole_state
 
 #: What `benchmarks/measure_pairs.py` measured of the shipped pairs, by name.
 STORE = Path(__file__).with_name("mismatch.json")

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import os
 import platform
+import re
 import shutil
 import subprocess
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import torch
 from safetensors.torch import save_file
 
 from mpge_bench import policies
-from mpge_bench.baselines.method import Result, get_method
-from mpge_bench.baselines.policy import PolicySet, arrays
-from mpge_bench.baselines.presets import PRESETS, load_preset
+from mpge_bench.baselines.method import Method, Result, get_method
+from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
+from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
 from mpge_bench.baselines.problem import Problem, merge, roll_out
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.envs import Task, get_task
@@ -32,11 +36,13 @@ from mpge_bench.harness.metrics import (
     Returns,
     action_transformation_error,
     action_transformation_floor,
+    learning,
     normalized_return,
     returns,
     transition_error,
     transition_floor,
 )
+from mpge_bench.harness.residuals import draw_residuals
 
 SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -50,6 +56,10 @@ class RunSettings:
 
     Attributes:
         task: what `get_task` takes: a pair's name, an instance of a family, or a user's own.
+        method: what `get_method` takes: a method's name, or a user's own.
+        samples: target budget; 0 for a method that draws none, whatever was asked for.
+        overrides: settings other than the preset's, ``key=value`` each.
+        noise: of what is recorded in the target (`Problem`).
     """
 
     task: str
@@ -57,10 +67,35 @@ class RunSettings:
     samples: int = 1000
     preset: str = "standard"
     seed: int = 0
+    overrides: tuple[str, ...] = ()
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.noise < math.inf:
+            raise UserError(f"noise is {self.noise}; give a share of each entry's spread, such as 0.01")
+        object.__setattr__(self, "overrides", tuple(sorted(self.overrides)))
+        if not get_method(self.method).samples:
+            object.__setattr__(self, "samples", 0)
+            object.__setattr__(self, "noise", 0.0)
+
+    @property
+    def variant(self) -> str:
+        """The preset and what was set otherwise, as it stands in the folder's name and in tables."""
+        changes = [*self.overrides, *([f"noise={self.noise}"] if self.noise else [])]
+        return "+".join([self.preset, *(re.sub(r"[^\w.=,-]", "", change) for change in changes)])
 
     def folder(self, out: Path) -> Path:
         """Where under `out` the result goes."""
-        return out / _name(self.task) / self.method / f"n{self.samples}" / self.preset / f"seed{self.seed}"
+        return out / _name(self.task) / self.method.replace(":", ".") / f"n{self.samples}" / self.variant / f"seed{self.seed}"
+
+    def effective(self) -> Any:
+        """The method's settings: those of its preset, and what overrides them.
+
+        Raises:
+            UserError: if the preset or an override is wrong.
+        """
+        method = get_method(self.method)
+        return load_settings(method.settings, method.preset, self.preset, get_task(self.task).name, parse_overrides(self.overrides))
 
     def partial(self, out: Path) -> Path:
         """The folder that takes the files until all are there."""
@@ -73,27 +108,44 @@ def _name(task: str) -> str:
     return get_task(task).name
 
 
-def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLDER, jobs: int = 1, progress: Progress | None = None) -> dict[str, Any]:
-    """Run and measure; write ``result.json``, ``policy.safetensors``, ``curve.parquet`` and TensorBoard curves; return the result.
+def run(
+    settings: RunSettings,
+    out: Path,
+    *,
+    policy_folder: Path = policies.FOLDER,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    chosen: Any = None,
+) -> dict[str, Any]:
+    """Run and measure; write ``result.json``, ``policy.safetensors``, TensorBoard curves and what else there is; return the result.
+
+    Beside these, ``curve.parquet`` holds the action-transformation error by grounding steps, ``episodes.parquet`` the returns while a method learnt in
+    the target, ``residuals.parquet`` and ``residuals.png`` what no action of the source can do.
 
     A result that is there already is returned as it is. Until everything is done the files lie in a folder called ``….partial``, removed on failure.
 
+    Args:
+        settings: what to run.
+        out: folder for results.
+        policy_folder: where source and target-optimal policies are.
+        jobs: processes the method may use.
+        progress: told of stages and steps.
+        chosen: the method's settings, if they are not to be those of preset and overrides (a configuration that was stored).
+
     Raises:
-        UserError: for wrong names, too few samples, missing or corrupt policies, or an output folder that cannot be written to.
+        UserError: for wrong names or settings, too few samples, missing or corrupt policies, an output folder that cannot be written to, or a method
+            that returns no policy for this robot.
     """
     progress = progress or Silent()
     folder = settings.folder(out)
     task, method = get_task(settings.task), get_method(settings.method)
-    present = present_result(settings, out)
+    chosen = chosen or settings.effective()
+    present = present_result(settings, out, chosen)
     if present:
         return present
-    if settings.preset not in PRESETS:
-        raise UserError(f"unknown preset {settings.preset!r}; choose one of: {', '.join(PRESETS)}")
-    chosen = load_preset(method.preset, settings.preset, task.name) if method.preset else {}
-    sources = policies.load_set(task, "source", policy_folder)
-    policies.load_set(task, "target", policy_folder)  # what is missing shall be known before the work, not after it
-    rollouts = PolicySet([sources.weights[index] for index in method.rollouts(settings.seed, len(sources))], sources.limit)
-    problem = Problem(task, rollouts, settings.samples, settings.seed)
+    # What is missing shall be known before the work, not after it.
+    sources, _ = (policies.load_set(task, kind, policy_folder) for kind in ("source", "target"))
+    problem = Problem(task, _rollouts(task, method, chosen, settings.seed, policy_folder), settings.samples, settings.seed, settings.noise)
     partial = settings.partial(out)
     try:
         shutil.rmtree(partial, ignore_errors=True)
@@ -105,11 +157,12 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         torch.manual_seed(settings.seed)
         torch.set_num_threads(1)
         result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=partial / "tensorboard", jobs=jobs)
+        policy = _checked(result.policy, settings.method, task)
         progress.stage("evaluation", 0)
         evaluated = time.monotonic()
-        policy = PolicySet([arrays(result.policy)], task.robot.action_limit)
+        own = returns(task.target, policy)
         found = {
-            "policy": returns(task.target, policy),
+            "policy": own,
             "direct": _reference(settings.task, "source", policy_folder),
             "target_optimal": _reference(settings.task, "target", policy_folder),
             "grounded": returns(task.source, policy, transformation=result.grounding) if result.grounding else None,
@@ -120,12 +173,17 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         data = {
             "schema": SCHEMA,
             **asdict(settings),
+            "overrides": list(settings.overrides),
             "task": task.name,
+            "address": settings.task,
+            "variant": settings.variant,
             "pair": task.to_dict(),
-            "settings": chosen,
+            "settings": asdict(chosen),
             "target_samples": problem.drawn,
             "returns": {name: asdict(value) if value else None for name, value in found.items()},
-            "normalized_return": normalized_return(found["policy"].mean, found["direct"].mean, found["target_optimal"].mean),  # type: ignore[union-attr]
+            "normalized_return": _normalized(found, own),
+            "oracle": _oracle(result, settings.method, task, found),
+            "learning": learning(result.episodes, settings.samples),
             "action_transformation_error": {
                 "value": action_transformation_error(task, result.grounding) if result.grounding else None,
                 "source": ungrounded,
@@ -137,7 +195,10 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
                 "floor": transition_floor(task, probe),
             },
             "curve": "curve.parquet" if len(curve) else None,
+            "episodes": "episodes.parquet" if result.episodes else None,
+            "residuals": "residuals.parquet" if result.residuals is not None else None,
             "policy": "policy.safetensors",
+            "report": result.report,
             "simulator_steps": {"grounding": result.steps.get("grounding", 0), "agent": result.steps.get("agent", 0)},
             "wall_clock_s": {
                 **{stage: round(result.seconds.get(stage, 0.0), 1) for stage in ("grounding", "agent")},
@@ -150,7 +211,12 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
         }
         if len(curve):
             curve.to_parquet(partial / "curve.parquet")
-        save_file({name: tensor.contiguous().clone() for name, tensor in result.policy.items()}, partial / "policy.safetensors")
+        if result.episodes:
+            pd.DataFrame(result.episodes, columns=["samples", "return"]).to_parquet(partial / "episodes.parquet")
+        if result.residuals is not None:
+            result.residuals.to_parquet(partial / "residuals.parquet")
+            draw_residuals(result.residuals, task.robot, partial / "residuals.png")
+        save_file({name: tensor.contiguous().clone() for name, tensor in policy.state().items()}, partial / "policy.safetensors")
         (partial / "result.json").write_text(json.dumps(data, indent=1) + "\n")
         shutil.rmtree(folder, ignore_errors=True)
         partial.replace(folder)
@@ -160,11 +226,86 @@ def run(settings: RunSettings, out: Path, *, policy_folder: Path = policies.FOLD
     return data
 
 
-def present_result(settings: RunSettings, out: Path) -> dict[str, Any] | None:
+def _rollouts(task: Task, method: Method, chosen: Any, seed: int, folder: Path) -> PolicySet:
+    """The policies a method is given: number seed mod five first, so that seeds start from different ones, and as many as its settings say."""
+    kind = "er" if getattr(chosen, "rollouts", "ms") == "er" else method.policies
+    known = policies.load_set(task, kind, folder)
+    count = getattr(chosen, "policies", len(known))
+    if not 1 <= count <= len(known):
+        raise UserError(f"setting policies is {count}; there are {len(known)} {kind} policies of {task.name}")
+    return PolicySet([known.weights[(seed + index) % len(known)] for index in range(count)], known.limit)
+
+
+def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task) -> Policy:
+    """The policy of a result.
+
+    Raises:
+        UserError: if it does not give finite actions for this robot.
+    """
+    robot = task.robot
+    needed = f"a policy of {robot.name} takes {robot.observation_size} observations and gives {len(robot.actuators)} actions"
+    observation = np.tile(task.source().reset(seed=SEED)[0], (2, 1))
+    try:
+        policy = policy_from(found, robot.action_limit)
+        actions = np.asarray(policy.best(observation, np.zeros(2, int)))
+    except Exception as error:  # a user's method may return anything
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UserError(f"method {method}: its policy cannot be used ({why}); {needed}") from error
+    if actions.shape != (2, len(robot.actuators)) or not np.isfinite(actions).all():
+        what = f"gives {actions.shape[-1] if actions.ndim == 2 else 'no'} actions" if np.isfinite(actions).all() else "gives actions that are no numbers"
+        raise UserError(f"method {method}: its policy {what}; {needed}")
+    return policy
+
+
+def _normalized(found: Mapping[str, Returns | None], policy: Returns) -> float | None:
+    direct, optimal = found["direct"], found["target_optimal"]
+    assert direct is not None
+    assert optimal is not None
+    return normalized_return(policy.mean, direct.mean, optimal.mean)
+
+
+def _oracle(result: Result, method: str, task: Task, found: Mapping[str, Returns | None]) -> dict[str, Any] | None:
+    """Of a method's sweep the policy with the best return in the target, which no method may know: how the papers tuned ANE and RARL."""
+    if not result.sweep:
+        return None
+    tried = {label: returns(task.target, _checked(state, method, task)) for label, state in result.sweep.items()}
+    best = max(tried, key=lambda label: tried[label].mean)
+    return {
+        "chosen": best,
+        "returns": asdict(tried[best]),
+        "normalized_return": _normalized(found, tried[best]),
+        "target_episodes": sum(one.episodes for one in tried.values()),
+        "tried": {label: one.mean for label, one in tried.items()},
+    }
+
+
+def stored_run(path: Path) -> tuple[RunSettings, Any]:
+    """The run that the result file `path` holds, and the method's settings in it, to be run again.
+
+    Raises:
+        UserError: if it is no result, or a setting in it is not known any more.
+    """
+    data = read_result(path)
+    settings = RunSettings(
+        data.get("address", data["task"]),
+        data["method"],
+        data["samples"],
+        data["preset"],
+        data["seed"],
+        tuple(data.get("overrides", ())),
+        data.get("noise", 0.0),
+    )
+    try:
+        return settings, settings_from(get_method(settings.method).settings, data["settings"])
+    except UserError as error:
+        raise UserError(f"{path}: its configuration cannot be run ({error})") from error
+
+
+def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict[str, Any] | None:
     """The result that is there already, if there is one.
 
     Raises:
-        UserError: if it cannot be read, or is that of another pair of the same name.
+        UserError: if it cannot be read, or is that of another pair of the same name or of other settings.
     """
     folder, task = settings.folder(out), get_task(settings.task)
     if not (folder / "result.json").exists():
@@ -172,6 +313,8 @@ def present_result(settings: RunSettings, out: Path) -> dict[str, Any] | None:
     found = read_result(folder / "result.json")
     if found.get("pair", task.to_dict()) != task.to_dict():
         raise UserError(f"{folder} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
+    if "variant" in found and found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
+        raise UserError(f"{folder} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
     return found
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mpge_bench.baselines.grounding.inverse import Solver
 from mpge_bench.envs import Task, get_task
 from mpge_bench.envs.effects import Delay, Gravity, Lag, TorqueGain
 from mpge_bench.harness.mismatch import measure_mismatch, stored_mismatches
-from mpge_bench.harness.optimal import Solver, Twin, random_transitions, state_spread, whole_state
+from mpge_bench.harness.optimal import Twin, random_transitions, state_spread, whole_state
 
 
 def solved(task: Task, count: int) -> list[tuple[np.ndarray, float, int, np.ndarray]]:

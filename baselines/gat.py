@@ -1,0 +1,116 @@
+"""Grounded action transformation, GAT (Hanna & Stone 2017), as in GARAT's released code."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from mpge_bench.baselines.agent import AgentSettings, train_transfer
+from mpge_bench.baselines.grounding.networks import Networks
+from mpge_bench.baselines.method import Method, Result
+from mpge_bench.baselines.policy import Array, PolicySet
+from mpge_bench.baselines.presets import RolloutSettings
+from mpge_bench.baselines.problem import Problem, Transitions, merge, roll_out
+from mpge_bench.baselines.progress import Progress
+
+
+@dataclass(frozen=True)
+class GATSettings(RolloutSettings):
+    """Hyperparameters of GAT; defaults as in GARAT's appendix.
+
+    Attributes:
+        agent: learning in the grounded source.
+        source_samples: source transitions that the inverse model is trained on.
+        smoothing: α; ã = α g(s, f(s, a)) + (1 − α) a.
+        hidden: widths of both networks' layers.
+        updates, batch_size, learning_rate, weight_decay: of Adam on the squared error.
+    """
+
+    agent: AgentSettings
+    source_samples: int = 20_000
+    smoothing: float = 0.95
+    hidden: tuple[int, ...] = (128, 128, 128)
+    updates: int = 3000
+    batch_size: int = 256
+    learning_rate: float = 0.01
+    weight_decay: float = 0.01
+
+
+class GATTransformation:
+    """ã = α g(s, f(s, a)) + (1 − α) a: `forward` f says what the target would do, `inverse` g which action makes the source do it."""
+
+    members = 1
+
+    def __init__(self, forward: _Regression, inverse: _Regression, smoothing: float, limit: float) -> None:
+        self.forward, self.inverse, self.smoothing, self.limit = forward, inverse, smoothing, limit
+
+    def __call__(self, observation: Array, action: Array, member: Array) -> Array:
+        change = self.forward(np.concatenate((observation, action), axis=1))
+        found = self.inverse(np.concatenate((observation, change), axis=1))
+        executed: Array = np.clip(self.smoothing * found + (1 - self.smoothing) * action, -self.limit, self.limit)
+        return executed
+
+
+class _Regression:
+    """A network from inputs (n, i) to outputs (n, j), each scaled by its spread."""
+
+    def __init__(self, inputs: Array, outputs: Array, settings: GATSettings, seed: int) -> None:
+        self._mean, self._std = outputs.mean(0), np.maximum(outputs.std(0), 1e-6)
+        self._network = Networks(inputs, outputs.shape[1], settings.hidden, 1, seed)
+        wanted = torch.as_tensor((outputs - self._mean) / self._std, dtype=torch.float32)
+        self._network.fit(
+            inputs,
+            lambda found, index: ((found - wanted[index]) ** 2).mean(-1),
+            np.ones((1, len(inputs))),
+            updates=settings.updates,
+            batch_size=settings.batch_size,
+            learning_rate=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            seed=seed,
+        )
+
+    def __call__(self, inputs: Array) -> Array:
+        outputs: Array = self._network.predict(inputs)[0] * self._std + self._mean
+        return outputs
+
+
+class GAT(Method):
+    """Fits a forward model of the target on its samples and an inverse model of the source on the source's, and grounds the source by the two in turn."""
+
+    summary = "forward model of the target, inverse model of the source"
+    citation = "Hanna & Stone 2017"
+    settings = GATSettings
+    preset = "gat"
+
+    def train(self, problem: Problem, settings: GATSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+        begun = time.monotonic()
+        limit = problem.robot.action_limit
+        rollouts = PolicySet(problem.rollouts.weights, limit, settings.rollout_std)
+        progress.stage("forward and inverse model", 0)
+        target = problem.demonstrations(rollouts)
+        share = max(1, settings.source_samples // len(rollouts))
+        source = merge([roll_out(problem.source, rollouts, member, share, seed * 1000 + member) for member in range(len(rollouts))])
+        forward = _Regression(_beside(target, target.actions), _change(target), settings, seed)
+        inverse = _Regression(_beside(source, _change(source)), source.actions, settings, seed + 1)
+        grounding = GATTransformation(forward, inverse, settings.smoothing, limit)
+        grounded = time.monotonic()
+        policy, steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
+        return Result(
+            policy,
+            grounding,
+            {len(source): grounding},
+            steps={"grounding": len(source), "agent": steps},
+            seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
+        )
+
+
+def _change(transitions: Transitions) -> Array:
+    return transitions.next_observations - transitions.observations
+
+
+def _beside(transitions: Transitions, other: Array) -> Array:
+    return np.concatenate((transitions.observations, other), axis=1)

@@ -1,0 +1,83 @@
+"""Small networks for regression, several of them trained at once and evaluated together."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from torch import nn
+
+from mpge_bench.baselines.policy import CLIP, Array
+
+
+class Networks(nn.Module):
+    """`members` tanh networks of one shape behind common scaled inputs; each sees its own share of the data.
+
+    Args:
+        inputs: examples (n, i) by which inputs are scaled, cut off at ±10.
+        outputs: how many.
+        hidden: widths of the hidden layers.
+        members: how many networks.
+        spread: inputs are divided by so many of their standard deviations; the wider, the smoother the networks are where the examples did not go.
+        seed: of the weights.
+    """
+
+    def __init__(self, inputs: Array, outputs: int, hidden: Sequence[int], members: int, seed: int, spread: float = 1.0) -> None:
+        super().__init__()
+        self.members = members
+        self.mean = torch.as_tensor(inputs.mean(0), dtype=torch.float32)
+        self.std = torch.as_tensor(np.maximum(spread * inputs.std(0), 1e-6), dtype=torch.float32)
+        generator = torch.Generator().manual_seed(seed)
+        sizes = [inputs.shape[1], *hidden, outputs]
+        self.weights = nn.ParameterList(
+            torch.randn(members, before, after, generator=generator) / np.sqrt(before) for before, after in itertools.pairwise(sizes)
+        )
+        self.biases = nn.ParameterList(torch.zeros(members, 1, after) for after in sizes[1:])
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Outputs (members, n, outputs) at inputs (n, i)."""
+        x = torch.clamp((x - self.mean) / self.std, -CLIP, CLIP).expand(self.members, -1, -1)
+        for index, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x = torch.baddbmm(bias, torch.tanh(x) if index else x, weight)
+        return x
+
+    def fit(
+        self,
+        inputs: Array,
+        loss: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+        shares: Array,
+        *,
+        updates: int,
+        batch_size: int,
+        learning_rate: float,
+        weight_decay: float,
+        seed: int,
+    ) -> None:
+        """Adam, its learning rate falling to nothing, on the mean of `loss`, weighed by `shares`.
+
+        Args:
+            inputs: examples (n, i).
+            loss: of predictions (members, b, outputs) for the examples with indices (b,): losses (members, b).
+            shares: weight of each example for each member, (members, n).
+            updates, batch_size, learning_rate, weight_decay: Adam's.
+            seed: of the batches.
+        """
+        generator = torch.Generator().manual_seed(seed)
+        x, weight = torch.as_tensor(inputs, dtype=torch.float32), torch.as_tensor(shares, dtype=torch.float32)
+        optimizer = torch.optim.Adam(self.parameters(), lr=learning_rate, weight_decay=weight_decay)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
+        for _ in range(updates):
+            index = torch.arange(len(x)) if batch_size >= len(x) else torch.randint(len(x), (batch_size,), generator=generator)
+            losses = (loss(self(x[index]), index) * weight[:, index]).mean(1)
+            optimizer.zero_grad()
+            losses.sum().backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            schedule.step()
+
+    def predict(self, inputs: Array) -> Array:
+        """Outputs of all members as float64, (members, n, outputs)."""
+        with torch.no_grad():
+            found: Array = self(torch.as_tensor(inputs, dtype=torch.float32)).numpy().astype(float)
+        return found

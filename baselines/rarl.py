@@ -1,0 +1,134 @@
+"""Robust adversarial reinforcement learning, RARL (Pinto et al. 2017), black box: the adversary adds to the protagonist's action."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnvWrapper
+
+from mpge_bench.baselines.agent import AgentSettings, StepReport, make_agent
+from mpge_bench.baselines.method import Method, Result
+from mpge_bench.baselines.policy import Array, Normalizer, PolicySet, policy_set, tensors
+from mpge_bench.baselines.problem import Problem
+from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.vector import Worlds
+
+
+@dataclass(frozen=True)
+class RARLSettings:
+    """Hyperparameters of RARL.
+
+    Attributes:
+        agent: of protagonist and adversary; each takes `steps` control steps.
+        ratio: the adversary's range as a share of the action limit, for the method's own policy.
+        sweep: further ones, among all of which the oracle chooses by the return in the target.
+        turn: batches of one before it is the other's turn.
+    """
+
+    agent: AgentSettings
+    ratio: float = 0.2
+    sweep: tuple[float, ...] = ()
+    turn: int = 1
+
+
+class _Opponent:
+    """ã = a + the adversary's action, drawn from its policy as it stands."""
+
+    members = 1
+
+    def __init__(self, ratio: float, seed: int) -> None:
+        self.ratio, self.rng = ratio, np.random.default_rng(seed)
+        self.policy: PolicySet | None = None
+
+    def __call__(self, observation: Array, action: Array, member: Array) -> Array:
+        return action + self.policy.sample(observation, member, self.rng) if self.policy else action
+
+
+class _AdversaryWorlds(VecEnvWrapper):
+    """The adversary's side: its action is added to that of the protagonist as it stands, whose loss is its gain."""
+
+    def __init__(self, worlds: Worlds, ratio: float, seed: int) -> None:
+        bound = np.full(cast(gymnasium.spaces.Box, worlds.action_space).shape, ratio * worlds.limit, np.float32)
+        super().__init__(worlds, action_space=gymnasium.spaces.Box(-bound, bound))
+        self.worlds, self.rng = worlds, np.random.default_rng(seed)
+        self.protagonist: PolicySet | None = None
+        self._push: Array = np.zeros(0)
+        worlds.transformation = self
+
+    members = 1
+
+    def __call__(self, observation: Array, action: Array, member: Array) -> Array:
+        return action + self._push
+
+    def reset(self) -> Array:
+        return self.worlds.reset()
+
+    def step_async(self, actions: Array) -> None:
+        assert self.protagonist
+        self._push = actions
+        self.worlds.step_async(self.protagonist.sample(self.worlds.observations, self.worlds.member, self.rng))
+
+    def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+        observations, rewards, dones, infos = self.worlds.step_wait()
+        return observations, -rewards, dones, infos
+
+
+class RARL(Method):
+    """Trains the source policy on in the source against an adversary that learns in turn with it; sees nothing of the target."""
+
+    summary = "the source policy trained on against an adversary that adds to its actions"
+    citation = "Pinto et al. 2017"
+    touches = "nothing (the oracle's choice: returns in the target)"
+    samples = False
+    settings = RARLSettings
+    preset = "rarl"
+
+    def train(self, problem: Problem, settings: RARLSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+        begun, policies, steps = time.monotonic(), {}, 0
+        for ratio in dict.fromkeys((settings.ratio, *settings.sweep)):
+            progress.stage(f"protagonist and adversary, ratio {ratio}", 2 * settings.agent.steps)
+            policies[f"ratio={ratio}"], taken = _play(problem, settings, ratio, seed, progress, log_dir / f"ratio_{ratio}")
+            steps += taken
+        policy = policies[f"ratio={settings.ratio}"]
+        return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun}, sweep=policies if settings.sweep else {})
+
+
+def _play(problem: Problem, settings: RARLSettings, ratio: float, seed: int, progress: Progress, log_dir: Path) -> tuple[Mapping[str, torch.Tensor], int]:
+    agent, limit = settings.agent, problem.robot.action_limit
+    start = tensors(problem.rollouts.weights[0])
+    opponent = _Opponent(ratio, seed)
+    with closing(Worlds(problem.source, agent.worlds, seed, opponent)) as own, closing(Worlds(problem.source, agent.worlds, seed + 1)) as others:
+        adversary_worlds = _AdversaryWorlds(others, ratio, seed)
+        protagonist = make_agent(own, agent, seed, start=start, log_dir=log_dir / "protagonist")
+        adversary = make_agent(adversary_worlds, agent, seed, log_dir=log_dir / "adversary")
+        normalizer = adversary.policy.features_extractor
+        assert isinstance(normalizer, Normalizer)
+        normalizer.mean.copy_(start["features_extractor.mean"])
+        normalizer.std.copy_(start["features_extractor.std"])
+        callbacks = {model: model._setup_learn(agent.steps, StepReport(progress.advance, agent.worlds))[1] for model in (protagonist, adversary)}
+        while protagonist.num_timesteps < agent.steps:
+            adversary_worlds.protagonist = policy_set([protagonist.policy], limit)
+            for _ in range(settings.turn):
+                _update(adversary, callbacks[adversary])
+            opponent.policy = policy_set([adversary.policy], ratio * limit)
+            for _ in range(settings.turn):
+                _update(protagonist, callbacks[protagonist])
+        return protagonist.policy.state_dict(), own.steps + others.steps
+
+
+def _update(model: PPO, callback: BaseCallback) -> None:
+    assert model.env is not None
+    model.collect_rollouts(model.env, callback, model.rollout_buffer, n_rollout_steps=model.n_steps)
+    model._update_current_progress_remaining(model.num_timesteps, model._total_timesteps)
+    model.train()
+    model.logger.dump(model.num_timesteps)
