@@ -126,7 +126,7 @@ class AggregationPolicy(GaussianPolicy):
         mean, std = self._gaussian(latent)
         if self.shape[0]:
             mean = mean + (self.aggregation * actions.reshape(-1, *self.shape)).mean(1)
-        return self.action_dist.proba_distribution(mean, std)  # type: ignore[no-untyped-call]
+        return self.action_dist.proba_distribution(mean, std)
 
 
 class _Episodes(BaseCallback):

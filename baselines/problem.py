@@ -147,7 +147,7 @@ class Problem:
             return found
 
         self.collect = collect
-        self.worlds = lambda count: MeteredWorlds(Worlds(target, count, seed), draw)
+        self.worlds: Callable[[int], MeteredWorlds] = lambda count: MeteredWorlds(Worlds(target, count, seed), draw)
 
     @property
     def drawn(self) -> int:
