@@ -122,9 +122,9 @@ class Inversion(Method):
         progress.stage("inversion", settings.passes * len(target))
         grounding, chosen, losses, inverted = _ground(source, target, settings, seed, progress)
         residuals = source.residuals(inverted.actions)
-        steps = source.solver.steps
-        report = _report(problem.robot, residuals, _own_distance(problem, rollouts, target, seed)) | {"capacity": chosen, "held_out_loss": losses}
-        grounded = time.monotonic()
+        own = _source_to_itself(problem, rollouts, source, seed, progress)
+        report = _report(problem.robot, residuals, own) | {"capacity": chosen, "held_out_loss": losses}
+        steps, grounded = source.solver.steps, time.monotonic()
         policy, agent_steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
         return Result(
             policy,
@@ -295,22 +295,30 @@ class _Fitter:
         return networks
 
 
-def _own_distance(problem: Problem, rollouts: PolicySet, target: Transitions, seed: int) -> float:
-    """`before` of the source's own transitions, mean: what a state does not tell (Bullet's cached contacts) keeps it from repeating itself."""
-    share = max(1, min(len(target), 500) // len(rollouts))
+def _source_to_itself(problem: Problem, rollouts: PolicySet, target: _Source, seed: int, progress: Progress) -> pd.DataFrame:
+    """Residuals of the source's own transitions, seen by the target's sensors and inverted alike.
+
+    What they leave is no mismatch: noise, and what a state does not tell (Bullet's cached contacts).
+    """
+    share = max(1, min(len(target.states), 500) // len(rollouts))
     own = merge([roll_out(problem.source, rollouts, member, share, seed * 1000 + member) for member in range(len(rollouts))])
-    source = _Source(problem, own)
-    source.scale = np.maximum(np.std(target.next_observations - target.observations, axis=0), 1e-6)
-    return float(source.residuals(own.actions)["before"].mean())
+    progress.stage("inversion of the source's own transitions", len(own))
+    source = _Source(problem, problem.measured(own))
+    source.scale = target.scale
+    residuals = source.residuals(source.invert(own.actions, target.scale, progress).actions)
+    target.solver.steps += source.solver.steps
+    return residuals
 
 
-def _report(robot: Robot, residuals: pd.DataFrame, own: float) -> dict[str, Any]:
+def _report(robot: Robot, residuals: pd.DataFrame, own: pd.DataFrame) -> dict[str, Any]:
     """How much of the mismatch an action transformation can remove, where it cannot, and a sentence that says so."""
-    before, after = float(residuals["before"].mean()), float(residuals["after"].mean())
-    left = max(after - own, 0.0) / max(before - own, 1e-12)
-    found = {"transitions": len(residuals), "distance_before": before, "distance_after": after, "distance_source_to_itself": own, "left": left}
-    if before <= 2 * own + 1e-6:
-        return found | {"verdict": "No mismatch to be seen: the source does what the target did about as well as it repeats itself."}
+    before, after, own_before, own_after = (float(table[name].mean()) for table in (residuals, own) for name in ("before", "after"))
+    found = {"transitions": len(residuals), "distance_before": before, "distance_after": after}
+    found |= {"source_distance_before": own_before, "source_distance_after": own_after}
+    if before <= 1.25 * own_before + 1e-6:
+        return found | {"left": None, "verdict": "No mismatch to be seen: the source does what the target did about as well as it repeats itself."}
+    left = max(after - own_after, 0.0) / (before - own_before)
+    found |= {"left": left}
     if left <= EXPLAINED:
         return found | {"verdict": f"The mismatch is an action transformation: with the right actions the source does what the target did but for {left:.0%}."}
     coordinate, where, times = _where(robot, residuals)

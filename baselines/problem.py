@@ -115,6 +115,7 @@ class Problem:
         task: name, robot and, of the target, nothing: `source` is the environment to learn in.
         rollouts: the K source policies that may act in the target; the agent starts from the first.
         budget: target samples in all.
+        measured: turns transitions of the source into what the target's sensors would have recorded of them.
 
     Args:
         noise: standard deviation of the noise on collected observations, as a share of each entry's spread (its standard deviation under the rollout
@@ -137,7 +138,9 @@ class Problem:
 
         def collect(policies: PolicySet, member: int, samples: int) -> Transitions:
             draw(samples)
-            found = roll_out(target, policies, member, samples, seed=seed * 1000 + self._drawn)
+            return measured(roll_out(target, policies, member, samples, seed=seed * 1000 + self._drawn))
+
+        def measured(found: Transitions) -> Transitions:
             return _measured(found, noise * spread(), seed * 1000 + self._drawn) if noise else found
 
         @functools.cache
@@ -147,6 +150,7 @@ class Problem:
             return found
 
         self.collect = collect
+        self.measured = measured
         self.worlds: Callable[[int], MeteredWorlds] = lambda count: MeteredWorlds(Worlds(target, count, seed), draw)
 
     @property
