@@ -53,12 +53,16 @@ class _Normalize(BaseCallback):
         super().__init__()
         self.running: RunningMeanStd | None = None
 
-    def _on_rollout_start(self) -> None:
+    def _on_rollout_end(self) -> None:
+        # By the next rollout's start the buffer is emptied.
         buffer = self.model.rollout_buffer  # type: ignore[attr-defined]
-        if not buffer.full:
-            return
         self.running = self.running or RunningMeanStd(shape=buffer.obs_shape)
         self.running.update(buffer.observations.reshape(-1, *buffer.obs_shape))
+
+    def _on_rollout_start(self) -> None:
+        # Not before: the update that follows a rollout compares with the probabilities of the policy that acted in it.
+        if self.running is None:
+            return
         normalizer = self.model.policy.features_extractor
         assert isinstance(normalizer, Normalizer)
         normalizer.set(self.running.mean[: normalizer.size], np.sqrt(self.running.var[: normalizer.size]))

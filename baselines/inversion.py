@@ -20,6 +20,7 @@ from mpge_bench.baselines.policy import Array, PolicySet
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions, merge, roll_out
 from mpge_bench.baselines.progress import Progress
+from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.robots import Robot
 
 #: What is left of the mismatch, as a share, below which an action transformation counts as all there is to it.
@@ -51,6 +52,11 @@ class InversionSettings(RolloutSettings):
     learning_rate: float = 3e-3
     weight_decay: float = 1e-3
     input_spread: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name, least in (("ensemble", 1), ("transitions", 1), ("passes", 1), ("folds", 2)):
+            if getattr(self, name) < least:
+                raise UserError(f"setting {name} of inversion is {getattr(self, name)}; give {least} or more")
 
 
 @dataclass(frozen=True)
@@ -240,7 +246,7 @@ class _Fitter:
         """The least capacity whose held-out loss none with more undercuts by more than two standard errors, and all their losses."""
         count, folds = len(self.target), self.settings.folds
         # Neighbouring samples are alike; stretches of them are held out together.
-        stretches = np.minimum(np.arange(count) * 4 * folds // count, 4 * folds - 1)
+        stretches = np.arange(count) * min(4 * folds, count) // count
         fold = stretches % folds
         held_out = {name: np.empty(count) for name in ("none", "linear", "networks")}
         held_out["none"] = self._loss(self.target.actions)

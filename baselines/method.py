@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 from abc import ABC, abstractmethod
@@ -138,4 +139,9 @@ def _import(address: str) -> Method:
     found = import_object(address, what)
     if not (inspect.isclass(found) and issubclass(found, Method)) or inspect.isabstract(found):
         raise UserError(f"{address}: is not {what} with a `train` of its own")
-    return found()
+    if not dataclasses.is_dataclass(found.settings):
+        raise UserError(f"{address}: its `settings` is no dataclass")
+    try:
+        return found()
+    except TypeError as error:
+        raise UserError(f"{address}: cannot be made without arguments ({error})") from error

@@ -178,12 +178,14 @@ class Multipolar(Method):
 
 def _within(agent: AgentSettings, budget: int) -> AgentSettings:
     """The settings cut so that a whole number of batches, ten at least where ten samples are there for each world, fits into `budget`."""
+    if budget < 2:
+        raise UserError(f"{budget} target samples are too few to learn from; give --samples 2 or more")
     worlds = min(agent.worlds, max(1, budget // 10))
-    rollout_steps = max(1, min(agent.rollout_steps, budget // (10 * worlds)))
+    # PPO needs two samples at least.
+    rollout_steps = max(2 if worlds == 1 else 1, min(agent.rollout_steps, budget // (10 * worlds)))
     batch = worlds * rollout_steps
     steps = min(agent.steps, budget) // batch * batch
-    # PPO normalises advantages within a minibatch, which takes two samples at least.
-    return dataclasses.replace(agent, worlds=worlds, rollout_steps=rollout_steps, steps=steps, batch_size=max(2, min(agent.batch_size, batch)))
+    return dataclasses.replace(agent, worlds=worlds, rollout_steps=rollout_steps, steps=steps, batch_size=min(agent.batch_size, batch))
 
 
 class RPL(Multipolar):

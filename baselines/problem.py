@@ -53,7 +53,7 @@ def roll_out(make: Callable[[], RobotEnv], policies: PolicySet, member: int, sam
 
 
 def _measured(found: Transitions, noise: Array, seed: int) -> Transitions:
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng((seed, 1))  # another stream than the actions'
     before, after = (rng.normal(size=found.observations.shape) * noise for _ in range(2))
     same = (found.next_observations[:-1] == found.observations[1:]).all(1)
     after[:-1][same] = before[1:][same]
@@ -112,14 +112,15 @@ class Problem:
     """One transfer problem. The target is out of a method's reach but for `collect`.
 
     Attributes:
-        task: name, robot and, of the target, nothing: `source` is the environment to learn in.
+        robot: of source and target.
+        source: makes source environments.
         rollouts: the K source policies that may act in the target; the agent starts from the first.
         budget: target samples in all.
         measured: turns transitions of the source into what the target's sensors would have recorded of them.
 
     Args:
         noise: standard deviation of the noise on collected observations, as a share of each entry's spread (its standard deviation under the rollout
-            policies in the target). Both ends of a transition are measured; the state between two transitions is measured once.
+            policies in the target). Both ends of a transition are measured; the state between two transitions is measured once. `worlds` are exact.
     """
 
     def __init__(self, task: Task, rollouts: PolicySet, budget: int, seed: int, noise: float = 0.0) -> None:

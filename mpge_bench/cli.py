@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import sys
 from itertools import product
 from pathlib import Path
@@ -128,7 +129,7 @@ def sweep(
                 name = settings.folder(Path())
                 if error:
                     failed.append(f"{name}: {error}")
-                    progress.console.print(f"{name}: failed: {error}")
+                    progress.console.print(f"{name}: failed: {error}", markup=False)
                 else:
                     normalized = result["normalized_return"] if result else None
                     progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
@@ -138,8 +139,8 @@ def sweep(
             shutil.rmtree(settings.partial(out), ignore_errors=True)
         raise
     results = board.collect(out)
-    if len(results):
-        _out.print(board.table(board.summarize(results)))
+    for sheet in board.sheets(results) if len(results) else ():
+        _wide().print(sheet.table())
     if failed:
         raise UserError(f"{len(failed)} of {len(plan)} runs failed, first {failed[0]}")
 
@@ -151,7 +152,7 @@ def _run_quietly(call: tuple[Any, Path, Path]) -> tuple[Any, dict[str, Any] | No
     try:
         return settings, run(settings, out, policy_folder=policies), None
     except Exception as error:  # one failed run must not take the others with it
-        return settings, None, f"{error}" if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        return settings, None, " ".join((f"{error}" if isinstance(error, UserError) else f"{type(error).__name__}: {error}").split())
 
 
 @app.command("train-policies")
@@ -365,17 +366,20 @@ def leaderboard(
     results: Annotated[Path, typer.Argument(help="Folder with result.json files, at any depth.")] = Path("leaderboard/results"),
     markdown: Annotated[bool, typer.Option(help="Print Markdown.")] = False,
 ) -> None:
-    """Print the table of results: interquartile means over seeds with 95% bootstrap intervals."""
+    """Print the tables of results, interquartile means over seeds with 95% bootstrap intervals: returns, groundings, learning in the target.
+
+    Rows marked (oracle) show the best of a method's sweep by its return in the target, which a method may not know.
+    """
     from mpge_bench import leaderboard as board
 
     found = board.collect(results)
     if not len(found):
         raise UserError(f"{results}: no result.json below it; `python -m mpge_bench run --out {results}` makes one")
-    summary = board.summarize(found)
-    if markdown:
-        print(board.markdown(summary), end="")
-    else:
-        _out.print(board.table(summary))
+    for sheet in board.sheets(found):
+        if markdown:
+            print(sheet.markdown())
+        else:
+            _wide().print(sheet.table())
 
 
 @app.command()
@@ -399,10 +403,8 @@ def tasks(
         if as_json:
             print(json.dumps(found, indent=1))
         else:
-            # A file or a pipe has no width of its own.
-            console = _out if _out.is_terminal else Console(highlight=False, width=140)
-            console.print(pairs.table(found))
-            console.print(pairs.families_table())
+            _wide().print(pairs.table(found))
+            _wide().print(pairs.families_table())
         return
     with ConsoleProgress() as progress:
         page = pairs.page(get_task(task), progress)
@@ -423,7 +425,12 @@ def methods() -> None:
     drawn = Table("method", "what it does", "from", "touches, besides the source and its policies")
     for name, method in known().items():
         drawn.add_row(name, method.summary, method.citation or "–", method.touches)
-    (_out if _out.is_terminal else Console(highlight=False, width=140)).print(drawn)
+    _wide().print(drawn)
+
+
+def _wide() -> Console:
+    """The terminal; a file or a pipe has no width of its own."""
+    return _out if _out.is_terminal else Console(highlight=False, width=140)
 
 
 def _show(result: dict[str, Any], folder: Path) -> None:
@@ -460,6 +467,8 @@ def _show(result: dict[str, Any], folder: Path) -> None:
 
 def main() -> None:
     """Run the command line. What the user can put right ends with one line and exit status 2, Ctrl-C with 130."""
+    # Killed, it clears up as after Ctrl-C: workers end, nothing half-made stays.
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     try:
         app()
     except UserError as error:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from mpge_bench.harness.run import read_result
 
 #: Fixed, so that the same results give the same interval.
 _RESAMPLES, _SEED = 2000, 0
+#: Percentages of the target budget at which MULTIPOLAR reports.
+_SHARES = ("25", "50", "75", "100")
 
 
 #: Behind the name of a method whose settings were chosen by their return in the target.
@@ -34,11 +37,11 @@ def collect(folder: Path) -> pd.DataFrame:
 
 
 def _row(result: dict[str, Any]) -> dict[str, Any]:
-    found = result["returns"]
+    found, learnt = result["returns"], result.get("learning") or {}
     return {
-        **{key: result[key] for key in ("task", "method", "samples")},
+        **{key: result[key] for key in ("task", "samples")},
         "preset": result.get("variant", result["preset"]),
-        "seed": result["seed"],
+        **{key: result[key] for key in ("method", "seed")},
         "return": found["policy"]["mean"],
         "direct": found["direct"]["mean"],
         "target_optimal": found["target_optimal"]["mean"],
@@ -48,7 +51,10 @@ def _row(result: dict[str, Any]) -> dict[str, Any]:
         "action_error_source": result["action_transformation_error"]["source"],
         "transition_error": result["transition_error"]["value"],
         "transition_error_source": result["transition_error"]["source"],
+        "grounding_steps": result["simulator_steps"]["grounding"],
+        "grounding_seconds": result["wall_clock_s"]["grounding"],
         "minutes": result["wall_clock_s"]["total"] / 60,
+        **{f"episode_{share}": learnt.get(share) for share in _SHARES},
     }
 
 
@@ -68,63 +74,59 @@ def interval(values: Sequence[float] | npt.NDArray[Any]) -> tuple[float, float]:
     return float(np.quantile(means, 0.025)), float(np.quantile(means, 0.975))
 
 
-def summarize(results: pd.DataFrame) -> pd.DataFrame:
-    """One row a task, sample size, preset and method: interquartile means over seeds, best normalised return first."""
-    rows = []
-    for key, group in results.groupby(["task", "samples", "preset", "method"]):
-        # A column of nothing but None, where the references are too near each other to normalise by, is no column of numbers.
-        group = group.astype({"normalized_return": float})
-        low, high = interval(group["normalized_return"].to_numpy())
-        rows.append(
-            dict(zip(("task", "samples", "preset", "method"), key, strict=True))
-            | {"seeds": len(group), "normalized_low": low, "normalized_high": high}
-            | {name: interquartile_mean(group[name].to_numpy()) for name in group.columns[5:]}
-        )
-    return pd.DataFrame(rows).sort_values(["task", "samples", "normalized_return"], ascending=[True, True, False], ignore_index=True)
+@dataclass(frozen=True)
+class Sheet:
+    """A table of text: what it shows, what its columns are, and its rows."""
+
+    title: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def markdown(self) -> str:
+        """As a Markdown table, its title above it."""
+        lines = ["| " + " | ".join(self.headers) + " |", "|" + "---|" * len(self.headers)]
+        return "\n".join([f"*{self.title}*", "", *lines, *("| " + " | ".join(row) + " |" for row in self.rows)]) + "\n"
+
+    def table(self) -> Table:
+        """For the terminal."""
+        drawn = Table(*self.headers, title=self.title, title_justify="left")
+        for row in self.rows:
+            drawn.add_row(*row)
+        return drawn
 
 
-def _cells(row: Mapping[Hashable, Any]) -> list[str]:
-    def number(value: float, digits: int) -> str:
-        return "–" if np.isnan(value) else f"{value:.{digits}f}"
+def sheets(results: pd.DataFrame) -> list[Sheet]:
+    """Returns, groundings, and learning in the target, each a row a task, sample size, preset and method; what no result has is left out.
 
-    return [
-        f"{row['task']}",
-        f"{row['samples']}",
-        f"{row['preset']}",
-        f"{row['method']}",
-        f"{row['seeds']}",
-        f"{row['normalized_return']:.2f} ({row['normalized_low']:.2f} to {row['normalized_high']:.2f})",
-        f"{number(row['return'], 0)} ({number(row['direct'], 0)} … {number(row['target_optimal'], 0)})",
-        f"{number(row['action_error'], 3)} ({number(row['action_error_source'], 3)})",
-        f"{number(row['transition_error'], 3)} ({number(row['transition_error_source'], 3)})",
-        f"{row['minutes']:.1f}",
-    ]
+    Figures are interquartile means over seeds, in brackets 95% bootstrap intervals where the header says so.
+    """
+    keys = ["task", "samples", "preset", "method"]
+    groups = [(tuple(map(str, key)), group) for key, group in results.groupby(keys)]
+    returned, grounded, learnt = [], [], []
+    for key, group in groups:
 
+        def mean(name: str, digits: int = 0, group: pd.DataFrame = group) -> str:
+            values = group[name].to_numpy(float)
+            return "–" if np.isnan(values).any() else f"{interquartile_mean(values):,.{digits}f}"
 
-_HEADERS = (
-    "task",
-    "samples",
-    "preset",
-    "method",
-    "seeds",
-    "normalised return (95%)",
-    "return (direct … target optimal)",
-    "action error (source)",
-    "transition error (source)",
-    "min",
-)
+        def around(name: str, digits: int = 0, group: pd.DataFrame = group) -> str:
+            values = group[name].to_numpy(float)
+            return "–" if np.isnan(values).any() else "{:.{d}f} ({:.{d}f} to {:.{d}f})".format(interquartile_mean(values), *interval(values), d=digits)
 
-
-def markdown(summary: pd.DataFrame) -> str:
-    """The summary as a Markdown table."""
-    lines = ["| " + " | ".join(_HEADERS) + " |", "|" + "---|" * len(_HEADERS)]
-    lines += ["| " + " | ".join(_cells(row)) + " |" for row in summary.to_dict("records")]
-    return "\n".join(lines) + "\n"
-
-
-def table(summary: pd.DataFrame) -> Table:
-    """The summary as a table for the terminal."""
-    drawn = Table(*_HEADERS)
-    for row in summary.to_dict("records"):
-        drawn.add_row(*_cells(row))
-    return drawn
+        first = [*key, str(len(group))]
+        middle = interquartile_mean(np.nan_to_num(group["normalized_return"].to_numpy(float)))
+        reference = f"{mean('return')} ({mean('direct')} … {mean('target_optimal')})"
+        returned.append(((key[0], int(key[1]), -middle), [*first, around("normalized_return", 2), reference, mean("minutes", 1)]))
+        if group["action_error"].notna().all():
+            errors = [f"{mean(name, 3)} ({mean(f'{name}_source', 3)})" for name in ("action_error", "transition_error")]
+            order = (key[0], int(key[1]), interquartile_mean(group["action_error"].to_numpy(float)))
+            grounded.append((order, [*first, *errors, mean("grounding_steps"), mean("grounding_seconds")]))
+        if group[[f"episode_{share}" for share in _SHARES]].notna().any(axis=None):
+            learnt.append(((key[0], int(key[1]), -middle), [*first, *(around(f"episode_{share}") for share in _SHARES)]))
+    names = [*keys, "seeds"]
+    found = (
+        ("Returns in the target", [*names, "normalised return (95%)", "return (direct … target optimal)", "min"], returned),
+        ("Groundings", [*names, "action error (source)", "transition error (source)", "simulator steps", "s"], grounded),
+        ("Learning in the target: mean episode (95%) within the first ...", [*names, *(f"{share}% of the samples" for share in _SHARES)], learnt),
+    )
+    return [Sheet(title, headers, [row for _, row in sorted(rows, key=lambda one: one[0])]) for title, headers, rows in found if rows]

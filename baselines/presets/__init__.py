@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,13 @@ class RolloutSettings:
     rollout_std: float = 0.0
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML in which 3e5 and 1e-3 are numbers, as YAML 1.2 has it; PyYAML's 1.1 asks for 3.0e+5."""
+
+
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$"), list("-+.0123456789"))
+
+
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in change.items():
@@ -58,7 +66,7 @@ def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
         raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
     path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
     try:
-        data = yaml.safe_load(path.read_text())
+        data = yaml.load(path.read_text(), _Loader)
         base = load_preset(data["inherits"], preset, task) if "inherits" in data else {}
         for section in ("all", preset):
             for key in ("default", task):
@@ -80,7 +88,7 @@ def parse_overrides(pairs: Iterable[str]) -> dict[str, Any]:
         if not equals or not all(key.split(".")):
             raise UserError(f"--set {pair}: give it as KEY=VALUE, for instance agent.steps=100000")
         try:
-            value = yaml.safe_load(text)
+            value = yaml.load(text, _Loader)
         except yaml.YAMLError as error:
             raise UserError(f"--set {pair}: the value cannot be read ({' '.join(str(error).split())})") from error
         for part in reversed(key.split(".")):
@@ -109,9 +117,9 @@ def settings_from(kind: type[Settings], data: Mapping[str, Any], path: str = "")
     """
     hints = get_type_hints(kind)
     fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    unknown = set(data) - set(fields)
+    unknown = sorted(str(key) for key in data if key not in fields)
     if unknown:
-        raise UserError(f"unknown setting {', '.join(path + key for key in sorted(unknown))}; {kind.__name__} has {', '.join(fields) or 'none'}")
+        raise UserError(f"unknown setting {', '.join(path + key for key in unknown)}; {kind.__name__} has {', '.join(fields) or 'none'}")
     values = {key: _value(hints[key], value, path + key) for key, value in data.items()}
     missing = [path + name for name, field in fields.items() if name not in values and _required(field)]
     if missing:

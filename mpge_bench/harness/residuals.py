@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -29,9 +30,8 @@ def draw_residuals(residuals: pd.DataFrame, robot: Robot, path: Path) -> None:
     bars.set_xlabel("left with the best action, spreads of the change in a step")
     bars.set_title("In which coordinates", loc="left")
     # Rank correlation with the residual's size, of the coordinate itself or of its distance from its middle.
-    size = residuals["after"].rank()
-    ranks = [max(abs(pd.Series(one).rank().corr(size)) for one in (column, np.abs(column - np.median(column)))) for column in states.T]
-    across, up = np.argsort(np.nan_to_num(ranks))[::-1][:2]
+    ranks = [max(_rank_correlation(one, residuals["after"]) for one in (column, np.abs(column - np.median(column)))) for column in states.T]
+    across, up = np.argsort(ranks)[::-1][:2]
     most = max(float(residuals["after"].quantile(0.98)), 1e-12)
     order = np.argsort(residuals["after"].to_numpy())
     drawn = map_.scatter(states[order, across], states[order, up], c=residuals["after"].to_numpy()[order], s=12, cmap="viridis", vmin=0, vmax=most)
@@ -40,3 +40,9 @@ def draw_residuals(residuals: pd.DataFrame, robot: Robot, path: Path) -> None:
     map_.set_title("Where: each point is a target transition", loc="left")
     figure.colorbar(drawn, ax=map_, label="distance left, spreads")
     figure.savefig(path, dpi=110)
+
+
+def _rank_correlation(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
+    """Its size; 0 where one of them does not vary."""
+    ranks = pd.DataFrame({"one": np.asarray(one), "other": np.asarray(other)}).rank()
+    return 0.0 if (ranks.nunique() < 2).any() else abs(float(ranks["one"].corr(ranks["other"])))

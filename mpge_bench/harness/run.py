@@ -73,6 +73,10 @@ class RunSettings:
     def __post_init__(self) -> None:
         if not 0 <= self.noise < math.inf:
             raise UserError(f"noise is {self.noise}; give a share of each entry's spread, such as 0.01")
+        keys = [override.partition("=")[0] for override in self.overrides]
+        twice = {key for key in keys if keys.count(key) > 1}
+        if twice:
+            raise UserError(f"setting {', '.join(sorted(twice))} is given twice; give it once")
         object.__setattr__(self, "overrides", tuple(sorted(self.overrides)))
         if not get_method(self.method).samples:
             object.__setattr__(self, "samples", 0)
@@ -157,6 +161,8 @@ def run(
         torch.manual_seed(settings.seed)
         torch.set_num_threads(1)
         result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=partial / "tensorboard", jobs=jobs)
+        if not isinstance(result, Result):
+            raise UserError(f"method {settings.method}: `train` returned a {type(result).__name__}, not a mpge_bench.baselines.method.Result")
         policy = _checked(result.policy, settings.method, task)
         progress.stage("evaluation", 0)
         evaluated = time.monotonic()
@@ -216,14 +222,22 @@ def run(
         if result.residuals is not None:
             result.residuals.to_parquet(partial / "residuals.parquet")
             draw_residuals(result.residuals, task.robot, partial / "residuals.png")
-        save_file({name: tensor.contiguous().clone() for name, tensor in policy.state().items()}, partial / "policy.safetensors")
-        (partial / "result.json").write_text(json.dumps(data, indent=1) + "\n")
+        save_file(_weights(policy), partial / "policy.safetensors")
+        written = json.dumps(data, indent=1, default=_plain)
+        (partial / "result.json").write_text(written + "\n")
         shutil.rmtree(folder, ignore_errors=True)
         partial.replace(folder)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise
-    return data
+    return dict(json.loads(written))
+
+
+def _plain(value: Any) -> Any:
+    """What JSON makes of a number or an array of numpy's in a method's report."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"a method's report takes plain data, not a {type(value).__name__}")
 
 
 def _rollouts(task: Task, method: Method, chosen: Any, seed: int, folder: Path) -> PolicySet:
@@ -247,7 +261,9 @@ def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task
     observation = np.tile(task.source().reset(seed=SEED)[0], (2, 1))
     try:
         policy = policy_from(found, robot.action_limit)
-        actions = np.asarray(policy.best(observation, np.zeros(2, int)))
+        actions = np.asarray(policy.best(observation, np.zeros(2, int)), float)
+        len(policy)
+        _weights(policy)
     except Exception as error:  # a user's method may return anything
         why = " ".join(f"{type(error).__name__}: {error}".split())
         raise UserError(f"method {method}: its policy cannot be used ({why}); {needed}") from error
@@ -255,6 +271,10 @@ def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task
         what = f"gives {actions.shape[-1] if actions.ndim == 2 else 'no'} actions" if np.isfinite(actions).all() else "gives actions that are no numbers"
         raise UserError(f"method {method}: its policy {what}; {needed}")
     return policy
+
+
+def _weights(policy: Policy) -> dict[str, torch.Tensor]:
+    return {name: tensor.detach().contiguous().clone() for name, tensor in policy.state().items()}
 
 
 def _normalized(found: Mapping[str, Returns | None], policy: Returns) -> float | None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from mpge_bench.baselines.policy import PolicySet, load_state, policy_set, save_policy
+from mpge_bench.baselines.policy import AggregatedPolicy, PolicySet, load_state, policy_from, policy_set, save_policy, tensors
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 
@@ -91,3 +91,41 @@ def test_truncated_file_and_missing_file_and_wrong_robot(hopper, tmp_path, make_
         load_state(tmp_path / "none.safetensors", 11, 3)
     with pytest.raises(UserError, match="11 observations and 3 actions, where the task has 17 and 6"):
         load_state(tmp_path / "a.safetensors", 17, 6)
+
+
+def _aggregated(make_policy, env, sources: int) -> dict[str, torch.Tensor]:
+    state = dict(make_policy(env, 9).state_dict()) | {"aggregation": torch.randn(sources, 3, generator=torch.Generator().manual_seed(0))}
+    for k in range(sources):
+        state |= {f"sources.{k}.{name}": value for name, value in tensors(policy_set([make_policy(env, k)], 1.0).weights[0]).items()}
+    return state
+
+
+def test_an_aggregated_policy_is_the_clipped_weighted_mean_of_its_sources_plus_the_residual(hopper, make_policy):
+    state = _aggregated(make_policy, hopper, 3)
+    policy, observations, member = AggregatedPolicy(state, 1.0), np.random.default_rng(0).normal(size=(50, 11)), np.zeros(50, int)
+    sources, residual = policy_set([make_policy(hopper, k) for k in range(3)], 1.0), policy_set([make_policy(hopper, 9)], 1.0)
+    weighed = [scale * sources.best(observations, np.full(50, k)) for k, scale in enumerate(state["aggregation"].numpy())]
+    expected = np.clip(sum(weighed) / 3 + residual.distribution(observations, member)[0], -1, 1)
+    found = policy.best(observations, member)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert 0.05 < (np.abs(found) == 1).mean() < 0.9, "some are clipped, some are not"
+    np.testing.assert_array_equal(AggregatedPolicy(_aggregated(make_policy, hopper, 0), 1.0).best(observations, member), residual.best(observations, member))
+
+
+def test_a_results_policy_is_known_by_its_weights(hopper, make_policy):
+    plain, aggregated = policy_from(make_policy(hopper).state_dict(), 1.0), policy_from(_aggregated(make_policy, hopper, 2), 1.0)
+    assert isinstance(plain, PolicySet)
+    assert isinstance(aggregated, AggregatedPolicy)
+    assert len(plain) == len(aggregated) == 1
+    assert policy_from(aggregated, 1.0) is aggregated
+
+
+@pytest.mark.parametrize("sources", [None, 0, 2])
+def test_a_policy_acts_the_same_after_a_round_trip_through_its_file(hopper, make_policy, tmp_path, sources):
+    state = make_policy(hopper).state_dict() if sources is None else _aggregated(make_policy, hopper, sources)
+    policy = policy_from(state, 1.0)
+    save_policy(tmp_path / "a.safetensors", policy.state(), {})
+    again = policy_from(load_state(tmp_path / "a.safetensors", 11, 3), 1.0)
+    assert type(again) is type(policy)
+    observations, member = np.random.default_rng(0).normal(size=(20, 11)), np.zeros(20, int)
+    np.testing.assert_array_equal(again.best(observations, member), policy.best(observations, member))

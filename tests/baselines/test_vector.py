@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
-from mpge_bench.baselines.vector import Worlds
+from mpge_bench.baselines.vector import DiverseWorlds, Noise, Worlds
 from mpge_bench.envs import get_task
 
 TASK = get_task("biased_pendulum")
@@ -96,3 +97,29 @@ def test_same_seed_same_episodes():
 
     np.testing.assert_array_equal(play(5), play(5))
     assert not np.array_equal(play(5), play(6))
+
+
+@pytest.mark.parametrize("std", [0.05, 0.4])
+def test_noise_has_the_asked_for_spread_in_units_of_the_limit(std):
+    action = np.random.default_rng(0).uniform(-1, 1, (20_000, 2))
+    noise = Noise(std, 3.0, seed=0)
+    added = noise(np.zeros((len(action), 4)), action, np.zeros(len(action), int)) - action
+    np.testing.assert_allclose(added.std(0), 3 * std, rtol=0.03)
+    np.testing.assert_allclose(added.mean(0), 0, atol=0.1 * std)
+    assert not np.array_equal(added, noise(np.zeros((len(action), 4)), action, np.zeros(len(action), int)) - action), "drawn anew at every step"
+
+
+def test_diverse_worlds_pay_the_mean_entropy_of_the_earlier_policies(pendulum_policies):
+    diverse, plain = DiverseWorlds(TASK.source, 3, 0, pendulum_policies, 0.1), Worlds(TASK.source, 3, 0)
+    states = diverse.reset()
+    np.testing.assert_array_equal(states, plain.reset())
+    paid = []
+    for _ in range(20):
+        stds = [torch.as_tensor(pendulum_policies.distribution(states, np.full(3, one))[1]) for one in range(2)]
+        entropy = torch.stack([torch.distributions.Normal(0.0, std / 3.0).entropy().sum(1) for std in stds]).mean(0)
+        states, rewards, _, _ = diverse.step(np.full((3, 1), 1.0))
+        reached, own, _, _ = plain.step(np.full((3, 1), 1.0))
+        np.testing.assert_array_equal(states, reached)
+        paid.append(rewards - own)
+        np.testing.assert_allclose(paid[-1], 0.1 * entropy, atol=1e-9)
+    assert np.std(paid) > 1e-3, "it depends on the state"

@@ -9,9 +9,11 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+from mpge_bench.baselines.method import methods
 from mpge_bench.envs import TASKS
 from mpge_bench.policies import FOLDER
 
@@ -22,8 +24,8 @@ def start(*arguments, **options):
     )
 
 
-def call(*arguments):
-    process = start(*arguments)
+def call(*arguments, **options):
+    process = start(*arguments, **options)
     out, err = process.communicate(timeout=120)
     return process.returncode, out, err
 
@@ -59,12 +61,37 @@ def test_sweep_goes_on_where_it_stopped_and_past_failures(policy_folder, tmp_pat
     arguments += ["--out", tmp_path / "out", "--jobs", 1]
     code, _, err = call(*arguments, "--seeds", 1)
     assert code == 0, err
-    stamp = (tmp_path / "out/biased_pendulum/direct/n50/smoke/seed0/result.json").stat().st_mtime_ns
+    stamp = (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed0/result.json").stat().st_mtime_ns
     code, _, err = call(*arguments, "--seeds", 2, "--task", "broken_hopper")
     assert code == 2
     assert "2 of 4 runs failed" in err
-    assert (tmp_path / "out/biased_pendulum/direct/n50/smoke/seed0/result.json").stat().st_mtime_ns == stamp
-    assert (tmp_path / "out/biased_pendulum/direct/n50/smoke/seed1/result.json").exists()
+    assert (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed0/result.json").stat().st_mtime_ns == stamp
+    assert (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed1/result.json").exists()
+
+
+def test_sweep_names_a_method_that_fails_and_goes_on(policy_folder, tmp_path):
+    method = "from mpge_bench.baselines.method import Method\nclass Mine(Method):\n    def train(self, *_, **__):\n        raise OSError('[/dev/shm] is full')"
+    (tmp_path / "mine.py").write_text(method)
+    arguments = ("sweep", "--task", "biased_pendulum", "--method", "mine:Mine", "--method", "direct", "--samples", 50, "--samples", 60, "--preset", "smoke")
+    code, out, err = call(*arguments, "--policies", policy_folder, "--out", "out", "--seeds", 1, "--jobs", 1, cwd=tmp_path)
+    assert code == 2
+    assert "Traceback" not in out + err
+    assert "biased_pendulum/mine.Mine/n60/smoke/seed0: failed: OSError: [/dev/shm] is full" in " ".join(err.split())
+    assert err.splitlines()[-1].startswith("mpge_bench: 2 of 3 runs failed, first biased_pendulum/mine.Mine/n50/smoke/seed0: OSError: [/dev/shm] is full")
+    assert [path.parent.relative_to(tmp_path / "out") for path in (tmp_path / "out").rglob("result.json")] == [Path("biased_pendulum/direct/n0/smoke/seed0")]
+
+
+def test_a_stored_result_is_run_again_with_its_settings(policy_folder, tmp_path):
+    arguments = ("run", "--task", "biased_pendulum", "--method", "ane", "--preset", "smoke", "--set", "agent.steps=0", "--set", "sweep=[0.3]")
+    code, out, err = call(*arguments, "--policies", policy_folder, "--out", tmp_path / "out")
+    assert code == 0, err
+    assert "oracle's choice" in out
+    place = "biased_pendulum/ane/n0/smoke+agent.steps=0+sweep=0.3/seed0/result.json"
+    code, _, err = call("run", "--config", tmp_path / "out" / place, "--policies", policy_folder, "--out", tmp_path / "again")
+    assert code == 0, err
+    first, second = (json.loads((tmp_path / folder / place).read_text()) for folder in ("out", "again"))
+    assert first["settings"]["sweep"] == [0.3]
+    assert all(first[key] == second[key] for key in ("settings", "overrides", "returns", "oracle"))
 
 
 def test_tasks_and_methods_are_listed():
@@ -73,7 +100,8 @@ def test_tasks_and_methods_are_listed():
     assert all(name in out for name in TASKS)
     code, out, _ = call("methods")
     assert code == 0
-    assert all(name in out for name in ("direct", "garat", "mpg", "mpge"))
+    # A cell may take several lines.
+    assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split()))
 
 
 @pytest.mark.parametrize("command", ["run", "sweep", "train-policies", "leaderboard", "render", "tasks"])
@@ -88,6 +116,8 @@ def test_wrong_names():
     assert "unknown method 'mgpe'; choose one of" in refused("run", "--method", "mgpe")
     assert "unknown preset 'quick'; choose one of: smoke, standard, paper" in refused("run", "--preset", "quick")
     assert "unknown kind 'both of them'" in refused("train-policies", "--task", "broken_hopper", "--kind", "both of them")
+    assert "unknown setting nonsense; MPGSettings has rollouts, policies" in refused("run", "--set", "nonsense=1")
+    assert "setting grounding.discriminator.divergence is 'kl'; choose one of: gail" in refused("run", "--divergence", "kl")
     assert "no result.json below it" in refused("leaderboard", "nowhere")
 
 
@@ -103,7 +133,7 @@ def test_missing_and_corrupt_policies(policy_folder, tmp_path):
     assert f"{path}: not a readable policy file" in refused(*arguments)
     path.unlink()
     err = refused(*arguments)
-    assert f"{path}: this source policy is missing; `python -m mpge_bench train-policies --task biased_pendulum` makes it" in err
+    assert f"{path}: this source policy is missing; `python -m mpge_bench train-policies --task biased_pendulum --kind source` makes it" in err
     assert not (tmp_path / "out").exists()
 
 
@@ -168,14 +198,14 @@ def test_a_pair_of_ones_own_from_file_to_result(tmp_path):
     page = json.loads(out)
     assert (page["name"], page["mismatch"]["closed_form"]) == ("weak", True)
     arguments = ("run", "--task", pair, "--method", "direct", "--preset", "smoke", "--samples", 50, "--out", tmp_path / "out", "--jobs", 1)
-    assert f"train-policies --task {pair}` makes it" in refused(*arguments)
+    assert f"train-policies --task {pair} --kind target` makes it" in refused(*arguments)
     # Source policies are the shipped ones; target-optimal ones lie beside the file.
     (tmp_path / "policies/weak").mkdir(parents=True)
     for seed in range(3):
         shutil.copy(FOLDER / "biased_pendulum" / f"target_{seed}.safetensors", tmp_path / "policies/weak")
     code, _, err = call(*arguments)
     assert code == 0, err
-    result = json.loads((tmp_path / "out/weak/direct/n50/smoke/seed0/result.json").read_text())
+    result = json.loads((tmp_path / "out/weak/direct/n0/smoke/seed0/result.json").read_text())
     assert result["task"] == "weak"
     assert result["pair"]["effects"] == [{"effect": "torque_gain", "target": "slider", "gain": 0.5}]
     pair.write_text(pair.read_text().replace("0.5", "0.4"))

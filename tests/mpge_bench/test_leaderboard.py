@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mpge_bench.leaderboard import interquartile_mean, interval, markdown, summarize
+from mpge_bench.leaderboard import collect, interquartile_mean, interval, sheets
 
 VALUES = st.integers(1, 5).flatmap(lambda quarter: arrays(float, 4 * quarter, elements=st.floats(-1e3, 1e3)))
 
@@ -30,16 +31,56 @@ def test_interval_lies_within_the_values_and_around_their_centre(values):
     assert min(values) - 1e-9 <= low <= high <= max(values) + 1e-9
 
 
-def test_table_puts_the_best_method_of_a_task_first():
-    rows = [
-        dict(zip(("task", "method", "samples", "preset", "seed"), ("t", method, 10, "standard", seed), strict=True))
-        | {"return": 1.0, "direct": 0.0, "target_optimal": 2.0, "grounded": np.nan, "normalized_return": value}
-        | {"action_error": np.nan, "action_error_source": 1.0, "transition_error": 0.5, "transition_error_source": 1.0, "minutes": 2.0}
-        for method, value in (("bad", 0.1), ("good", 0.9))
-        for seed in range(3)
+def store(folder, method, seed, normalized, **more):
+    returns = {name: {"mean": value, "std": 0.0, "episodes": 50} for name, value in (("policy", 10 * normalized), ("direct", 0.0), ("target_optimal", 10.0))}
+    result = {
+        **{"schema": "mpge_bench/run/1", "task": "t", "method": method, "samples": 10, "preset": "smoke", "variant": "smoke+std=0.1", "seed": seed},
+        **{"returns": {**returns, "grounded": None}, "normalized_return": normalized},
+        **{name: {"value": None, "source": 1.0} for name in ("action_transformation_error", "transition_error")},
+        **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "total": 120.0}},
+    }
+    path = folder / method / f"seed{seed}" / "result.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps(result | more))
+
+
+def lines(sheet):
+    return sheet.markdown().splitlines()[4:]
+
+
+def test_table_puts_the_best_method_of_a_task_first(tmp_path):
+    for method, value in (("bad", 0.1), ("good", 0.9)):
+        for seed in range(3):
+            store(tmp_path, method, seed, value)
+    (returned,) = sheets(collect(tmp_path))
+    assert lines(returned) == [
+        "| t | 10 | smoke+std=0.1 | good | 3 | 0.90 (0.90 to 0.90) | 9 (0 … 10) | 2.0 |",
+        "| t | 10 | smoke+std=0.1 | bad | 3 | 0.10 (0.10 to 0.10) | 1 (0 … 10) | 2.0 |",
     ]
-    summary = summarize(pd.DataFrame(rows))
-    assert list(summary["method"]) == ["good", "bad"]
-    assert list(summary["seeds"]) == [3, 3]
-    lines = markdown(summary).splitlines()
-    assert lines[2].startswith("| t | 10 | standard | good | 3 | 0.90 (0.90 to 0.90) | 1 (0 … 2) | – (1.000) |")
+
+
+def test_an_oracles_choice_is_a_row_of_its_own(tmp_path):
+    oracle = {"chosen": "std=0.4", "returns": {"mean": 8.0, "std": 0.0, "episodes": 50}, "normalized_return": 0.8}
+    for seed in range(2):
+        store(tmp_path, "ane", seed, 0.5, oracle=oracle)
+    found = collect(tmp_path)
+    assert list(found["method"]) == ["ane", "ane (oracle)"] * 2
+    assert list(found["return"]) == [5.0, 8.0] * 2
+    (returned,) = sheets(found)
+    assert [line.split(" | ")[3:6] for line in lines(returned)] == [["ane (oracle)", "2", "0.80 (0.80 to 0.80)"], ["ane", "2", "0.50 (0.50 to 0.50)"]]
+
+
+def test_what_only_some_methods_do_has_a_table_of_its_own(tmp_path):
+    errors = {"action_transformation_error": {"value": 0.25, "source": 1.0}, "transition_error": {"value": 0.5, "source": 2.0}}
+    store(tmp_path, "grounds", 0, 0.5, **errors)
+    store(tmp_path, "learns", 0, 0.2, learning={"25": None, "50": 3.0, "75": 4.0, "100": 5.0})
+    returned, grounded, learnt = sheets(collect(tmp_path))
+    assert len(lines(returned)) == 2
+    assert lines(grounded) == ["| t | 10 | smoke+std=0.1 | grounds | 1 | 0.250 (1.000) | 0.500 (2.000) | 4,000 | 30 |"]
+    assert lines(learnt) == ["| t | 10 | smoke+std=0.1 | learns | 1 | – | 3 (3 to 3) | 4 (4 to 4) | 5 (5 to 5) |"]
+
+
+def test_references_too_near_each_other_to_normalise_by(tmp_path):
+    store(tmp_path, "direct", 0, 0.0, normalized_return=None)
+    (returned,) = sheets(collect(tmp_path))
+    assert lines(returned) == ["| t | 10 | smoke+std=0.1 | direct | 1 | – | 0 (0 … 10) | 2.0 |"]

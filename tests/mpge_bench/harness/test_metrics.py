@@ -11,6 +11,7 @@ from mpge_bench.envs import get_task
 from mpge_bench.harness.metrics import (
     action_transformation_error,
     action_transformation_floor,
+    learning,
     normalized_return,
     returns,
     transition_error,
@@ -101,3 +102,9 @@ def test_transition_floor_is_what_the_best_action_transformation_leaves(pendulum
     heavy = get_task("heavy_pendulum")
     transitions = roll_out(heavy.target, pendulum_policies, 0, 60, seed=0)
     assert 0.0 < transition_floor(heavy, transitions) < 0.3 * transition_error(heavy, transitions)
+
+
+def test_learning_is_the_mean_of_the_episodes_that_ended_by_then():
+    assert learning([(10, 1.0), (25, 3.0), (60, 5.0), (100, 7.0)], 100) == {"25": 2.0, "50": 2.0, "75": 3.0, "100": 4.0}
+    assert learning([(40, 1.0)], 50) == {"25": None, "50": None, "75": None, "100": 1.0}
+    assert learning([], 50) is None

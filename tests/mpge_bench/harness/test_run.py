@@ -2,17 +2,68 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import json
+import textwrap
 
+import numpy as np
 import pandas as pd
 import pytest
 from safetensors.numpy import load_file
 
+from mpge_bench.baselines.method import get_method
 from mpge_bench.baselines.mpg import MPG
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.run import RunSettings, read_result, run
+from mpge_bench.harness.run import RunSettings, present_result, read_result, run, stored_run
+from mpge_bench.leaderboard import collect
 
 SMOKE = RunSettings("biased_pendulum", "mpg", samples=50, preset="smoke", seed=1)
+MINE = """
+import numpy as np
+
+from mpge_bench.baselines.method import Method, Result
+from mpge_bench.baselines.policy import tensors
+
+
+class Policy:
+    def __init__(self, actions):
+        self.actions = actions
+
+    def __len__(self):
+        return 1
+
+    def best(self, observation, member):
+        return self.actions
+
+    def state(self):
+        return {}
+
+
+class Mine(Method):
+    def train(self, problem, settings, seed, *, progress, log_dir, jobs):
+        log_dir.mkdir(parents=True)
+        (log_dir / "half").write_text("")
+        rollouts, first = problem.rollouts, tensors(problem.rollouts.weights[0])
+"""
+_number = itertools.count()
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """Writes a module with a method whose `train` goes on as given; mine(lines) is its address."""
+
+    def write(lines):
+        name = f"mine_{next(_number)}"
+        (tmp_path / f"{name}.py").write_text(MINE + textwrap.indent(lines, " " * 8) + "\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        return f"{name}:Mine"
+
+    return write
+
+
+def files(folder):
+    return [path for path in folder.rglob("*") if path.is_file()]
 
 
 def test_result_has_every_figure_and_the_configuration(policy_folder, tmp_path):
@@ -44,8 +95,9 @@ def test_direct_has_null_where_a_figure_does_not_apply(policy_folder, tmp_path):
     assert result["returns"]["grounded"] is None
     assert result["action_transformation_error"]["value"] is None
     assert result["transition_error"]["value"] is None
-    assert result["curve"] is None
-    assert result["target_samples"] == 0
+    assert [result[key] for key in ("curve", "episodes", "residuals", "oracle", "learning")] == [None] * 5
+    assert (result["samples"], result["target_samples"]) == (0, 0)
+    assert (tmp_path / "biased_pendulum/direct/n0/smoke/seed0/result.json").exists()
 
 
 def test_what_is_there_is_not_run_again(policy_folder, tmp_path):
@@ -64,7 +116,7 @@ def test_a_run_that_ends_halfway_leaves_nothing_that_looks_finished(policy_folde
     monkeypatch.setattr(MPG, "train", train)
     with pytest.raises(failure):
         run(SMOKE, tmp_path / "out", policy_folder=policy_folder)
-    assert [path for path in (tmp_path / "out").rglob("*") if path.is_file()] == []
+    assert files(tmp_path / "out") == []
 
 
 def test_remains_of_a_killed_run_do_not_disturb(policy_folder, tmp_path):
@@ -82,3 +134,121 @@ def test_unreadable_result_is_one_line(tmp_path):
         path.write_text(content)
         with pytest.raises(UserError, match=r"result\.json: not a result file"):
             read_result(path)
+
+
+def test_a_method_of_ones_own_from_module_to_table(policy_folder, tmp_path, mine):
+    method = mine("found = problem.collect(rollouts, 0, 30)\nreturn Result(first, episodes=[(20, 5.0)], report={'samples': len(found)})")
+    result = run(RunSettings("biased_pendulum", method, 50, "smoke", 3), tmp_path / "out", policy_folder=policy_folder)
+    assert (result["target_samples"], result["report"], result["settings"]) == (30, {"samples": 30}, {})
+    assert result["learning"] == {"25": None, "50": 5.0, "75": 5.0, "100": 5.0}
+    folder = tmp_path / "out/biased_pendulum" / method.replace(":", ".") / "n50/smoke/seed3"
+    assert pd.read_parquet(folder / "episodes.parquet").to_dict("list") == {"samples": [20], "return": [5.0]}
+    row = collect(tmp_path / "out").iloc[0]
+    assert (row["method"], row["seed"], row["return"]) == (method, 3, result["returns"]["policy"]["mean"])
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("problem.collect(rollouts, 0, 51)", r"^biased_pendulum: 51 target samples asked for, 50 of 50 left; collect fewer$"),
+        (
+            "worlds = problem.worlds(4)\nworlds.reset()\nfor _ in range(13):\n    worlds.step(np.zeros((4, 1)))",
+            r"^biased_pendulum: 4 target samples asked for, 2 of 50 left; collect fewer$",
+        ),
+        ("return Result({})", r"^method mine_\d+:Mine: its policy cannot be used \(KeyError: .*takes 4 observations and gives 1 actions$"),
+        ("return Result(Policy(np.zeros((2, 3))))", r"its policy gives 3 actions; a policy of inverted_pendulum takes 4 observations and gives 1 actions$"),
+        ("return Result(Policy(np.zeros(2)))", "its policy gives no actions; "),
+        ("return Result(Policy(None))", r"^method mine_\d+:Mine: its policy "),
+        ("return Result({name: value * np.nan for name, value in first.items()})", "its policy gives actions that are no numbers; a policy of"),
+        ("return Result(first, sweep={'other': {}})", r"its policy cannot be used \(KeyError"),
+        ("return None", r"^method mine_\d+:Mine"),
+    ],
+)
+def test_a_method_of_ones_own_that_does_what_it_may_not(policy_folder, tmp_path, mine, lines, message):
+    with pytest.raises(UserError, match=message):
+        run(RunSettings("biased_pendulum", mine(lines), 50, "smoke"), tmp_path / "out", policy_folder=policy_folder)
+    assert files(tmp_path / "out") == []
+
+
+def test_a_method_that_says_it_draws_no_samples_gets_none(policy_folder, tmp_path, mine, monkeypatch):
+    method = mine("problem.collect(rollouts, 0, 1)")
+    monkeypatch.setattr(get_method(method).__class__, "samples", False)
+    with pytest.raises(UserError, match="1 target samples asked for, 0 of 0 left"):
+        run(RunSettings("biased_pendulum", method, 50, "smoke"), tmp_path / "out", policy_folder=policy_folder)
+
+
+def test_an_error_in_a_method_of_ones_own_comes_out_as_it_is(policy_folder, tmp_path, mine):
+    with pytest.raises(ZeroDivisionError):
+        run(RunSettings("biased_pendulum", mine("1 / 0"), 50, "smoke"), tmp_path / "out", policy_folder=policy_folder)
+    assert files(tmp_path / "out") == []
+
+
+def test_what_is_no_method_is_one_line(mine):
+    module = mine("").removesuffix(":Mine")
+    for name, message in ((f"{module}:Policy", "is not a subclass of .*Method"), (f"{module}:Yours", "has no attribute 'Yours'"), ("no_such:It", "No module")):
+        with pytest.raises(UserError, match=f"^{name}: .*{message}"):
+            RunSettings("biased_pendulum", name)
+
+
+def test_runs_that_differ_lie_apart(tmp_path):
+    runs = [
+        dataclasses.replace(SMOKE, overrides=overrides, noise=noise)
+        for overrides in ((), ("policies=3",), ("agent.steps=64",), ("agent.steps=64", "policies=3"), ("rollouts=er",))
+        for noise in (0.0, 0.01, 0.1)
+    ]
+    assert len({settings.folder(tmp_path) for settings in runs}) == len(runs)
+    assert dataclasses.replace(SMOKE, overrides=("b=1", "a=1")) == dataclasses.replace(SMOKE, overrides=("a=1", "b=1"))
+    assert SMOKE.folder(tmp_path) == tmp_path / "biased_pendulum/mpg/n50/smoke/seed1"
+    assert dataclasses.replace(SMOKE, overrides=("agent.steps=64",), noise=0.1).variant == "smoke+agent.steps=64+noise=0.1"
+    for noise in (-0.1, np.nan, np.inf):
+        with pytest.raises(UserError, match="give a share of each entry's spread"):
+            dataclasses.replace(SMOKE, noise=noise)
+
+
+def test_a_stored_run_is_run_again_to_the_same_policy(policy_folder, tmp_path):
+    settings = dataclasses.replace(SMOKE, overrides=("agent.steps=1024", "grounding.steps=1024"), noise=0.01)
+    first = run(settings, tmp_path / "one", policy_folder=policy_folder)
+    one, two = (settings.folder(tmp_path / name) for name in ("one", "two"))
+    stored, chosen = stored_run(one / "result.json")
+    assert (stored, chosen) == (settings, settings.effective())
+    second = run(stored, tmp_path / "two", policy_folder=policy_folder, chosen=chosen)
+    assert [second[key] for key in ("returns", "settings", "variant")] == [first[key] for key in ("returns", "settings", "variant")]
+    policies = [load_file(folder / "policy.safetensors") for folder in (one, two)]
+    assert policies[0].keys() == policies[1].keys()
+    for name, values in policies[0].items():
+        np.testing.assert_array_equal(values, policies[1][name], err_msg=name)
+    with pytest.raises(UserError, match="holds a result with other settings"):
+        present_result(settings, tmp_path / "one", dataclasses.replace(chosen, rollout_std=0.1))
+
+
+def test_a_stored_run_with_settings_unknown_by_now_is_one_line(tmp_path):
+    path = tmp_path / "result.json"
+    data = {**dataclasses.asdict(SMOKE), "schema": "mpge_bench/run/1", "settings": {"agent": {"stesp": 3}}}
+    path.write_text(json.dumps(data))
+    with pytest.raises(UserError, match=r"result\.json: its configuration cannot be run \(unknown setting agent\.stesp"):
+        stored_run(path)
+
+
+def test_the_oracle_chooses_the_best_of_a_sweep(policy_folder, tmp_path):
+    result = run(RunSettings("biased_pendulum", "ane", 50, "smoke"), tmp_path, policy_folder=policy_folder)
+    oracle = result["oracle"]
+    assert oracle["tried"].keys() == {"std=0.2", "std=0.4"}
+    assert oracle["returns"]["mean"] == oracle["tried"][oracle["chosen"]] == max(oracle["tried"].values())
+    assert oracle["tried"]["std=0.2"] == result["returns"]["policy"]["mean"]
+    assert oracle["target_episodes"] == 2 * 50
+    assert (result["samples"], result["target_samples"]) == (0, 0)
+    assert list(collect(tmp_path)["method"]) == ["ane", "ane (oracle)"]
+
+
+def test_noise_is_on_what_is_collected(policy_folder, tmp_path, mine):
+    method = mine("found = problem.collect(rollouts, 0, 50)\nreturn Result(first, report={'found': found.observations.tolist()})")
+    found = []
+    for noise in (0.0, 0.1):
+        settings = RunSettings("biased_pendulum", method, 50, "smoke", noise=noise)
+        result = run(settings, tmp_path / "out", policy_folder=policy_folder)
+        assert result["noise"] == noise
+        found.append(np.array(result["report"]["found"]))
+    assert result["variant"] == "smoke+noise=0.1"
+    off = (found[1] - found[0]).std(0) / found[0].std(0)
+    assert (off > 0.01).all()
+    assert (off < 1).all()

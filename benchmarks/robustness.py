@@ -1,0 +1,48 @@
+"""What random noise on the actions costs robust policies and the direct one, in the source: the claim of ANE and RARL."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import torch
+import typer
+
+from mpge_bench.baselines.policy import load_state, policy_from
+from mpge_bench.baselines.vector import Noise
+from mpge_bench.envs import get_task
+from mpge_bench.harness.metrics import SEED, returns
+
+STDS = (0.0, 0.1, 0.2, 0.4, 0.6)
+METHODS = ("direct", "ane", "rarl")
+app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+
+
+@app.command()
+def main(
+    results: Annotated[Path, typer.Argument(help="Folder of results.")] = Path("leaderboard/results"),
+    task: Annotated[list[str] | None, typer.Option(help="Pairs; broken_hopper and biased_pendulum if not given.")] = None,
+    preset: Annotated[str, typer.Option(help="Of the runs.")] = "standard",
+) -> None:
+    """Print, as a Markdown table, the share of its own undisturbed return that the policy of each finished run keeps under noise.
+
+    Noise is Gaussian, its standard deviation in units of the action limit; 50 episodes each, means over seeds.
+    """
+    torch.set_num_threads(1)
+    print(f"| task | method | seeds | return without noise | {' | '.join(f'kept at {std}' for std in STDS[1:])} |")
+    print("|" + "---|" * (len(STDS) + 3))
+    for pair in map(get_task, task or ["broken_hopper", "biased_pendulum"]):
+        limit, sizes = pair.robot.action_limit, (pair.robot.observation_size, len(pair.robot.actuators))
+        for method in METHODS:
+            paths = sorted((results / pair.name / method / "n0" / preset).glob("seed*/policy.safetensors"))
+            policies = [policy_from(load_state(path, *sizes), limit) for path in paths]
+            found = [[returns(pair.source, policy, transformation=Noise(std, limit, SEED)).mean for std in STDS] for policy in policies]
+            if found:
+                means = np.mean(found, axis=0)
+                kept = " | ".join(f"{value / means[0]:.0%}" for value in means[1:])
+                print(f"| {pair.name} | {method} | {len(found)} | {means[0]:.0f} | {kept} |", flush=True)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,22 @@
+"""What the README shows works as it stands there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from mpge_bench.harness.run import RunSettings, run
+from mpge_bench.leaderboard import collect
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def test_the_example_of_a_users_method_runs_and_enters_the_tables(policy_folder, tmp_path, monkeypatch):
+    (code,) = (block for block in re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL) if "class BestGain(Method)" in block)
+    (tmp_path / "readme_example.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    settings = RunSettings("biased_pendulum", "readme_example:BestGain", 50, "smoke", 0, ("agent.steps=1024", "gains=[0.5, 1]"))
+    result = run(settings, tmp_path / "out", policy_folder=policy_folder)
+    assert result["report"]["gain"] in (0.5, 1.0)
+    assert result["action_transformation_error"]["value"] > 0
+    assert list(collect(tmp_path / "out")["method"]) == ["readme_example:BestGain"]
