@@ -13,7 +13,7 @@ import torch
 from scipy.optimize import least_squares
 
 from mpge_bench.baselines.agent import AgentSettings, train_transfer
-from mpge_bench.baselines.grounding.inverse import Solver
+from mpge_bench.baselines.grounding.inverse import REACHED, Solver
 from mpge_bench.baselines.grounding.networks import Networks
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array, PolicySet
@@ -37,6 +37,7 @@ class InversionSettings(RolloutSettings):
         agent: learning in the grounded source, as of MPGE.
         ensemble: N, members of the grounding, fitted to bootstrap samples.
         transitions: most target transitions that are inverted, evenly spread over the samples.
+        own_transitions: transitions of the source itself that are inverted alike, to calibrate the answers and to compare with.
         passes: times that all are inverted; from the second on each coordinate counts by how well the fit so far predicts it, which finds the sensors' noise.
         folds: of the cross-validation that chooses between ã = a, linear, and networks.
         hidden, updates, learning_rate, weight_decay, input_spread: of the networks (`Networks`).
@@ -45,6 +46,7 @@ class InversionSettings(RolloutSettings):
     agent: AgentSettings
     ensemble: int = 5
     transitions: int = 5000
+    own_transitions: int = 1000
     passes: int = 2
     folds: int = 5
     hidden: tuple[int, ...] = (32, 32)
@@ -54,7 +56,7 @@ class InversionSettings(RolloutSettings):
     input_spread: float = 3.0
 
     def __post_init__(self) -> None:
-        for name, least in (("ensemble", 1), ("transitions", 1), ("passes", 1), ("folds", 2)):
+        for name, least in (("ensemble", 1), ("transitions", 1), ("own_transitions", 1), ("passes", 1), ("folds", 2)):
             if getattr(self, name) < least:
                 raise UserError(f"setting {name} of inversion is {getattr(self, name)}; give {least} or more")
 
@@ -66,7 +68,8 @@ class Inverted:
     Attributes:
         actions: the source's nearest answers (n, k).
         root: (n, k, k); ‖root (ã − action)‖ is by how many times the noise the next state moves when ã is executed instead of the answer: an answer
-            counts for as much as the state tells of it, for nothing where the action makes no difference, as at an end stop.
+            counts for as much as the state tells of it, for nothing where the action makes no difference, as at an end stop. And it counts the less, the
+            farther from the target's state it leaves the source: that is divided by its distance, if that is beyond what the nearest twentieth have.
     """
 
     actions: Array
@@ -76,6 +79,21 @@ class Inverted:
         """Distances (n, k) of the actions `found` (n, k) from the answers, in noise."""
         distance: Array = np.einsum("nij,nj->ni", self.root, found - self.actions)
         return distance
+
+    def scale(self, found: Array, limit: float) -> float:
+        """Where the Cauchy loss of `distance` begins to bend: at its middle, but no finer than an action can be known."""
+        informed = np.median(np.sqrt(np.einsum("nij,nij->n", self.root, self.root)))
+        return max(float(np.median(np.abs(self.distance(found)))), _ACCURACY * limit * float(informed), 1e-12)
+
+    def calibrated(self, executed: Array, own: Inverted, limit: float) -> Inverted:
+        """These answers freed of what is wrong with all answers alike.
+
+        What a state does not tell (Bullet's cached contacts, the sensors' noise) also makes the source answer wrongly when asked what it did itself. If its
+        own answers are W u + b for the actions u = `executed`, an answer y means the action W⁻¹(y − b).
+        """
+        linear, _ = fit_linear(executed, own, np.ones(len(executed)), limit)
+        inverse = np.linalg.inv(linear[:, :-1])
+        return Inverted((self.actions - linear[:, -1]) @ inverse.T, self.root @ linear[:, :-1])
 
 
 class FittedTransformation:
@@ -104,6 +122,7 @@ class Inversion(Method):
     """Grounds the source without an adversary, since the source can be put into any state of the target's.
 
     1. For each target transition (s, a, s') Gauss-Newton finds the source's action whose next state from s is nearest to s'.
+       The source's own transitions are inverted, too: what their answers are off by is taken off the target's.
     2. ã(s, a) is fitted to these by robust regression (Cauchy loss), each weighed by how much the next state says of it. Capacity grows as
        cross-validation over stretches of the samples asks for it: ã = a, linear in a, an ensemble of networks on (s, a) upon that.
     3. The ensemble goes to the same policy learning as MPGE's.
@@ -124,13 +143,17 @@ class Inversion(Method):
         target = problem.demonstrations(rollouts)
         taken = np.unique(np.linspace(0, len(target) - 1, settings.transitions).astype(int)) if len(target) > settings.transitions else np.arange(len(target))
         target = Transitions(target.observations[taken], target.actions[taken], target.next_observations[taken])
-        source = _Source(problem, target)
-        progress.stage("inversion", settings.passes * len(target))
-        grounding, chosen, losses, inverted = _ground(source, target, settings, seed, progress)
-        residuals = source.residuals(inverted.actions)
-        own = _source_to_itself(problem, rollouts, source, seed, progress)
-        report = _report(problem.robot, residuals, own) | {"capacity": chosen, "held_out_loss": losses}
-        steps, grounded = source.solver.steps, time.monotonic()
+        own = _own(problem, rollouts, settings.own_transitions, seed)
+        progress.stage("inversion", settings.passes * (len(target) + len(own)))
+        itself, source = _Source(problem, own), _Source(problem, target)
+        own_answers, answers = itself.invert(settings.passes, progress), source.invert(settings.passes, progress)
+        fitter = _Fitter(target, answers.calibrated(own.actions, own_answers, source.limit), settings, source.limit, seed)
+        chosen, losses = fitter.choose()
+        grounding = fitter.fit(chosen)
+        residuals = source.residuals(answers.actions, source.scale)
+        report = _report(problem.robot, residuals, itself.residuals(own_answers.actions, source.scale))
+        report |= {"capacity": chosen, "held_out_loss": losses}
+        steps, grounded = itself.solver.steps + source.solver.steps, time.monotonic()
         policy, agent_steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
         return Result(
             policy,
@@ -157,45 +180,46 @@ class _Source:
         """The source's next observations (n, o) under `actions`."""
         return np.array([self.solver.reach(*state, action) for state, action in zip(self.states, actions, strict=True)])
 
-    def invert(self, guess: Array, noise: Array, progress: Progress) -> Inverted:
-        """The nearest answers, each sought from `guess`; coordinates count in units of `noise` (o,)."""
+    def invert(self, passes: int, progress: Progress) -> Inverted:
+        """The nearest answers, sought from the target's own actions at first, then from those that a fit to the answers so far predicts.
+
+        Coordinates count in units of their spread at first, then of how well that fit predicts them, which finds the sensors' noise.
+        """
+        guess, noise = self.target.actions, self.scale
+        for turn in range(passes):
+            inverted = self._invert(guess, noise, progress)
+            if turn < passes - 1:
+                linear, _ = fit_linear(self.target.actions, inverted, np.ones(len(guess)), self.limit)
+                guess = _linear(linear, self.target.actions, self.limit)
+                missed = np.median(np.abs(self.predict(guess) - self.target.next_observations), axis=0)
+                noise = np.maximum(1.4826 * missed, 1e-4 * self.scale)
+        return inverted
+
+    def _invert(self, guess: Array, noise: Array, progress: Progress) -> Inverted:
         self.solver.weigh(noise)
         rng = np.random.default_rng(0)  # there are no random restarts
-        actions, roots = [], []
+        actions, misses, roots = [], [], []
         for state, wanted, start in zip(self.states, self.target.next_observations, guess, strict=True):
-            action = self.solver.solve(*state, wanted, start, rng).action
+            solution = self.solver.solve(*state, wanted, start, rng)
+            action = solution.action
             slope = self.solver.slope(*state, action, self.solver.reach(*state, action)) / noise[:, None]
             actions.append(action)
+            misses.append(solution.miss)
             # The information matrix is the root's square; its eigenvalues may be 0, where Cholesky's root would fail.
             values, vectors = np.linalg.eigh(slope.T @ slope)
             roots.append((vectors * np.sqrt(np.maximum(values, 0))) @ vectors.T)
             progress.advance(1)
-        return Inverted(np.array(actions), np.array(roots))
+        nearest = max(float(np.quantile(misses, 0.05)), REACHED)
+        weights = nearest / np.maximum(misses, nearest)
+        return Inverted(np.array(actions), np.array(roots) * weights[:, None, None])
 
-    def residuals(self, answers: Array) -> pd.DataFrame:
-        """What the answers leave; columns as `Inversion` says."""
+    def residuals(self, answers: Array, scale: Array) -> pd.DataFrame:
+        """What the answers leave, each coordinate in units of `scale`; columns as `Inversion` says."""
         target = self.target
-        missed = {name: (self.predict(actions) - target.next_observations) / self.scale for name, actions in (("before", target.actions), ("after", answers))}
+        missed = {name: (self.predict(actions) - target.next_observations) / scale for name, actions in (("before", target.actions), ("after", answers))}
         columns = {"o": target.observations, "a": target.actions, "inverted": answers, "left": missed["after"]}
         table = {f"{name}{index}": column for name, values in columns.items() for index, column in enumerate(values.T)}
         return pd.DataFrame(table | {name: np.sqrt(np.mean(values**2, axis=1)) for name, values in missed.items()})
-
-
-def _ground(
-    source: _Source, target: Transitions, settings: InversionSettings, seed: int, progress: Progress
-) -> tuple[FittedTransformation, str, dict[str, float], Inverted]:
-    guess, noise = target.actions, source.scale
-    for turn in range(settings.passes):
-        inverted = source.invert(guess, noise, progress)
-        if turn < settings.passes - 1:
-            scale = _scale(inverted, target.actions, source.limit)
-            linear, _ = _fit_linear(target.actions, inverted, np.ones(len(target)), source.limit, scale)
-            guess = _linear(linear, target.actions, source.limit)
-            missed = np.median(np.abs(source.predict(guess) - target.next_observations), axis=0)
-            noise = np.maximum(1.4826 * missed, 1e-4 * source.scale)
-    fitter = _Fitter(target, inverted, settings, source.limit, seed)
-    chosen, losses = fitter.choose()
-    return fitter.fit(chosen), chosen, losses, inverted
 
 
 def _linear(linear: Array, actions: Array, limit: float) -> Array:
@@ -203,15 +227,9 @@ def _linear(linear: Array, actions: Array, limit: float) -> Array:
     return found
 
 
-def _scale(inverted: Inverted, actions: Array, limit: float) -> float:
-    """Where the Cauchy loss begins to bend: the middle of the distances, but no finer than an action can be known."""
-    informed = np.median(np.sqrt(np.einsum("nij,nij->n", inverted.root, inverted.root)))
-    return max(float(np.median(np.abs(inverted.distance(actions)))), _ACCURACY * limit * float(informed), 1e-12)
-
-
-def _fit_linear(actions: Array, inverted: Inverted, shares: Array, limit: float, scale: float) -> tuple[Array, float]:
+def fit_linear(actions: Array, inverted: Inverted, shares: Array, limit: float) -> tuple[Array, float]:
     """W and b (k, k + 1) of clip(W a + b) by robust least squares, and the scale of its loss, both found in turn."""
-    size = actions.shape[1]
+    size, scale = actions.shape[1], inverted.scale(actions, limit)
     weight = np.sqrt(shares)[:, None]
     linear = np.concatenate((np.eye(size), np.zeros((size, 1))), axis=1)
 
@@ -221,7 +239,7 @@ def _fit_linear(actions: Array, inverted: Inverted, shares: Array, limit: float,
 
     for _ in range(3):
         linear = least_squares(distance, linear.ravel(), loss="cauchy", f_scale=scale, x_scale="jac").x.reshape(size, -1)
-        scale = min(scale, 2 * _scale(inverted, _linear(linear, actions, limit), limit))
+        scale = min(scale, 2 * inverted.scale(_linear(linear, actions, limit), limit))
     return linear, scale
 
 
@@ -231,11 +249,10 @@ class _Fitter:
     def __init__(self, target: Transitions, inverted: Inverted, settings: InversionSettings, limit: float, seed: int) -> None:
         self.target, self.inverted, self.settings, self.limit, self.seed = target, inverted, settings, limit, seed
         self.inputs = np.concatenate((target.observations, target.actions), axis=1)
-        self.linear, self.scale = self._robust(np.ones(len(target)))
+        self.scale = self._robust(np.ones(len(target)))[1]
 
     def _robust(self, shares: Array) -> tuple[Array, float]:
-        start = _scale(self.inverted, self.target.actions, self.limit)
-        return _fit_linear(self.target.actions, self.inverted, shares, self.limit, start)
+        return fit_linear(self.target.actions, self.inverted, shares, self.limit)
 
     def _loss(self, found: Array) -> Array:
         """Loss of each transition, (n,), on one scale for all capacities."""
@@ -301,19 +318,10 @@ class _Fitter:
         return networks
 
 
-def _source_to_itself(problem: Problem, rollouts: PolicySet, target: _Source, seed: int, progress: Progress) -> pd.DataFrame:
-    """Residuals of the source's own transitions, seen by the target's sensors and inverted alike.
-
-    What they leave is no mismatch: noise, and what a state does not tell (Bullet's cached contacts).
-    """
-    share = max(1, min(len(target.states), 500) // len(rollouts))
-    own = merge([roll_out(problem.source, rollouts, member, share, seed * 1000 + member) for member in range(len(rollouts))])
-    progress.stage("inversion of the source's own transitions", len(own))
-    source = _Source(problem, problem.measured(own))
-    source.scale = target.scale
-    residuals = source.residuals(source.invert(own.actions, target.scale, progress).actions)
-    target.solver.steps += source.solver.steps
-    return residuals
+def _own(problem: Problem, rollouts: PolicySet, count: int, seed: int) -> Transitions:
+    """Transitions of the source under the same policies, seen by the target's sensors."""
+    share = max(1, count // len(rollouts))
+    return problem.measured(merge([roll_out(problem.source, rollouts, member, share, seed * 1000 + member) for member in range(len(rollouts))]))
 
 
 def _report(robot: Robot, residuals: pd.DataFrame, own: pd.DataFrame) -> dict[str, Any]:
