@@ -80,8 +80,8 @@ def test_result_has_every_figure_and_the_configuration(policy_folder, tmp_path):
     assert error["value"] > 0
     assert error["source"] == pytest.approx(1.31, abs=0.05)
     assert result["transition_error"]["source"] > 0
-    assert result["simulator_steps"] == {"grounding": 2048, "agent": 2048}
-    assert result["settings"]["grounding"]["steps"] == 2048
+    assert result["simulator_steps"] == {"grounding": 1024, "agent": 1024}
+    assert result["settings"]["grounding"]["steps"] == 1024
     curve = pd.read_parquet(folder / "curve.parquet")
     assert list(curve.columns) == ["steps", "action_transformation_error"]
     assert curve["steps"].is_monotonic_increasing
@@ -206,7 +206,7 @@ def test_runs_that_differ_lie_apart(tmp_path):
 
 
 def test_a_stored_run_is_run_again_to_the_same_policy(policy_folder, tmp_path):
-    settings = dataclasses.replace(SMOKE, overrides=("agent.steps=1024", "grounding.steps=1024"), noise=0.01)
+    settings = dataclasses.replace(SMOKE, overrides=("agent.steps=512", "grounding.steps=512"), noise=0.01)
     first = run(settings, tmp_path / "one", policy_folder=policy_folder)
     one, two = (settings.folder(tmp_path / name) for name in ("one", "two"))
     stored, chosen = stored_run(one / "result.json")
