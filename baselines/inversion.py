@@ -27,6 +27,8 @@ from mpge_bench.envs.robots import Robot
 EXPLAINED = 0.1
 #: Accuracy of an inverted action, in units of the action limit, beyond which it is no use to go.
 _ACCURACY = 1e-3
+#: Largest condition number of a calibration, which is near 1 unless the samples say nothing of some action.
+_TRUSTED = 10.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,8 @@ class Inverted:
         own answers are W u + b for the actions u = `executed`, an answer y means the action W⁻¹(y − b).
         """
         linear, _ = fit_linear(executed, own, np.ones(len(executed)), limit)
+        if np.linalg.cond(linear[:, :-1]) > _TRUSTED:
+            return self  # an action that makes no difference anywhere
         inverse = np.linalg.inv(linear[:, :-1])
         return Inverted((self.actions - linear[:, -1]) @ inverse.T, self.root @ linear[:, :-1])
 
