@@ -107,7 +107,11 @@ def sheets(results: pd.DataFrame) -> list[Sheet]:
 
         def mean(name: str, digits: int = 0, group: pd.DataFrame = group) -> str:
             values = group[name].to_numpy(float)
-            return "–" if np.isnan(values).any() else f"{interquartile_mean(values):,.{digits}f}"
+            if np.isnan(values).any():
+                return "–"
+            middle = interquartile_mean(values)
+            # What would be shown as nothing is shown by its power of ten.
+            return f"{middle:.0e}" if digits and 0 < abs(middle) < 0.5 / 10**digits else f"{middle:,.{digits}f}"
 
         def around(name: str, digits: int = 0, group: pd.DataFrame = group) -> str:
             values = group[name].to_numpy(float)
