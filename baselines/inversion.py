@@ -242,7 +242,7 @@ def fit_linear(actions: Array, inverted: Inverted, shares: Array, limit: float) 
         return found
 
     for _ in range(3):
-        linear = least_squares(distance, linear.ravel(), loss="cauchy", f_scale=scale, x_scale="jac").x.reshape(size, -1)
+        linear = least_squares(distance, linear.ravel(), loss="cauchy", f_scale=scale, x_scale="jac", max_nfev=30).x.reshape(size, -1)
         scale = min(scale, 2 * inverted.scale(_linear(linear, actions, limit), limit))
     return linear, scale
 

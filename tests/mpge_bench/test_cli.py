@@ -45,8 +45,8 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path):
     assert code == 0, err
     for text in ("direct", "mpge", "target-optimal", "normalised return", "action-transformation error", "result.json", "seed0"):
         assert text in out
-    assert "grounding × 2: done, 2,048 steps" in err
-    assert "agent in the grounded source: done, 1,024 steps" in err
+    assert "grounding × 2: done, 1,024 steps" in err
+    assert "agent in the grounded source: done, 256 steps" in err
     assert "pybullet build time" not in out + err
     code, out, _ = call(*arguments)
     assert code == 0

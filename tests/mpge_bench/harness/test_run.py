@@ -80,8 +80,8 @@ def test_result_has_every_figure_and_the_configuration(policy_folder, tmp_path):
     assert error["value"] > 0
     assert error["source"] == pytest.approx(1.31, abs=0.05)
     assert result["transition_error"]["source"] > 0
-    assert result["simulator_steps"] == {"grounding": 1024, "agent": 1024}
-    assert result["settings"]["grounding"]["steps"] == 1024
+    assert result["simulator_steps"] == {"grounding": 512, "agent": 256}
+    assert result["settings"]["grounding"]["steps"] == 512
     curve = pd.read_parquet(folder / "curve.parquet")
     assert list(curve.columns) == ["steps", "action_transformation_error"]
     assert curve["steps"].is_monotonic_increasing
