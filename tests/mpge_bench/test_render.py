@@ -96,7 +96,7 @@ def test_ctrl_c_leaves_nothing_and_the_old_film_as_it_was(tmp_path):
 
 
 def test_missing_policies_say_what_to_do(tmp_path):
-    with pytest.raises(UserError, match=r"train-policies --task heavy_walker` makes it; --policy random needs none") as refusal:
+    with pytest.raises(UserError, match=r"train-policies --task heavy_walker --kind source` makes it; --policy random needs none") as refusal:
         render(small("heavy_walker", "source"), tmp_path / "film.gif", policy_folder=tmp_path)
     assert "\n" not in str(refusal.value)
     assert list(tmp_path.iterdir()) == []
