@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
+
 from mpge_bench.baselines.agent import AgentSettings, train_transfer
-from mpge_bench.baselines.method import Method, Result
+from mpge_bench.baselines.method import Method, Result, swept
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.baselines.vector import Noise
@@ -39,10 +41,8 @@ class ANE(Method):
     preset = "ane"
 
     def train(self, problem: Problem, settings: ANESettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
-        begun, policies, steps = time.monotonic(), {}, 0
-        for std in dict.fromkeys((settings.std, *settings.sweep)):
+        def train(std: float) -> tuple[Mapping[str, torch.Tensor], int]:
             noise = Noise(std, problem.robot.action_limit, seed)
-            policies[f"std={std}"], taken = train_transfer(problem, noise, settings.agent, seed, progress, log_dir / f"std_{std}")
-            steps += taken
-        policy = policies[f"std={settings.std}"]
-        return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun}, sweep=policies if settings.sweep else {})
+            return train_transfer(problem, noise, settings.agent, seed, progress, log_dir / f"std_{std}")
+
+        return swept("std", settings.std, settings.sweep, train)

@@ -12,9 +12,9 @@ import torch
 from mpge_bench.baselines.agent import AgentSettings, train_transfer
 from mpge_bench.baselines.grounding.networks import Networks
 from mpge_bench.baselines.method import Method, Result
-from mpge_bench.baselines.policy import Array, PolicySet
+from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.presets import RolloutSettings
-from mpge_bench.baselines.problem import Problem, Transitions, merge, roll_out
+from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
 
 
@@ -88,15 +88,13 @@ class GAT(Method):
 
     def train(self, problem: Problem, settings: GATSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
-        limit = problem.robot.action_limit
-        rollouts = PolicySet(problem.rollouts.weights, limit, settings.rollout_std)
+        rollouts = problem.rollouts.widened(settings.rollout_std)
         progress.stage("forward and inverse model", 0)
         target = problem.demonstrations(rollouts)
-        share = max(1, settings.source_samples // len(rollouts))
-        source = merge([roll_out(problem.source, rollouts, member, share, seed * 1000 + member) for member in range(len(rollouts))])
+        source = problem.source_transitions(rollouts, settings.source_samples, seed)
         forward = _Regression(_beside(target, target.actions), _change(target), settings, seed)
         inverse = _Regression(_beside(source, _change(source)), source.actions, settings, seed + 1)
-        grounding = GATTransformation(forward, inverse, settings.smoothing, limit)
+        grounding = GATTransformation(forward, inverse, settings.smoothing, problem.robot.action_limit)
         grounded = time.monotonic()
         policy, steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
         return Result(

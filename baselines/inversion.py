@@ -16,9 +16,9 @@ from mpge_bench.baselines.agent import AgentSettings, train_transfer
 from mpge_bench.baselines.grounding.inverse import REACHED, Solver
 from mpge_bench.baselines.grounding.networks import Networks
 from mpge_bench.baselines.method import Method, Result
-from mpge_bench.baselines.policy import Array, PolicySet
+from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.presets import RolloutSettings
-from mpge_bench.baselines.problem import Problem, Transitions, merge, roll_out
+from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.robots import Robot
@@ -143,11 +143,11 @@ class Inversion(Method):
 
     def train(self, problem: Problem, settings: InversionSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
-        rollouts = PolicySet(problem.rollouts.weights, problem.robot.action_limit, settings.rollout_std)
+        rollouts = problem.rollouts.widened(settings.rollout_std)
         target = problem.demonstrations(rollouts)
         taken = np.unique(np.linspace(0, len(target) - 1, settings.transitions).astype(int)) if len(target) > settings.transitions else np.arange(len(target))
         target = Transitions(target.observations[taken], target.actions[taken], target.next_observations[taken])
-        own = _own(problem, rollouts, settings.own_transitions, seed)
+        own = problem.measured(problem.source_transitions(rollouts, settings.own_transitions, seed))
         progress.stage("inversion", settings.passes * (len(target) + len(own)))
         itself, source = _Source(problem, own), _Source(problem, target)
         own_answers, answers = itself.invert(settings.passes, progress), source.invert(settings.passes, progress)
@@ -320,12 +320,6 @@ class _Fitter:
             seed=self.seed,
         )
         return networks
-
-
-def _own(problem: Problem, rollouts: PolicySet, count: int, seed: int) -> Transitions:
-    """Transitions of the source under the same policies, seen by the target's sensors."""
-    share = max(1, count // len(rollouts))
-    return problem.measured(merge([roll_out(problem.source, rollouts, member, share, seed * 1000 + member) for member in range(len(rollouts))]))
 
 
 def _report(robot: Robot, residuals: pd.DataFrame, own: pd.DataFrame) -> dict[str, Any]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -49,6 +50,20 @@ class Result:
     episodes: Sequence[tuple[int, float]] = ()
     report: dict[str, Any] = field(default_factory=dict)
     residuals: pd.DataFrame | None = None
+
+
+def swept(name: str, own: float, further: Sequence[float], train: Callable[[float], tuple[Mapping[str, torch.Tensor], int]]) -> Result:
+    """The result of training with the setting `name` at the value `own`, and at `further` ones for the oracle to choose from.
+
+    Args:
+        train: makes, for a value, a policy's state dict, and says how many control steps that took.
+    """
+    begun, policies, steps = time.monotonic(), {}, 0
+    for value in dict.fromkeys((own, *further)):
+        policies[f"{name}={value}"], taken = train(value)
+        steps += taken
+    policy = policies[f"{name}={own}"]
+    return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun}, sweep=policies if further else {})
 
 
 class Method(ABC):

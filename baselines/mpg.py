@@ -198,7 +198,7 @@ class MPG(Method):
     def train(self, problem: Problem, settings: MPGSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         limit = problem.robot.action_limit
-        rollouts = PolicySet(problem.rollouts.weights, limit, settings.rollout_std)
+        rollouts = problem.rollouts.widened(settings.rollout_std)
         target = problem.demonstrations(rollouts)
         members = ground_ensemble(problem, rollouts, target, settings, seed, progress, log_dir, jobs)
         grounded = time.monotonic()

@@ -158,6 +158,10 @@ class PolicySet:
     def __getitem__(self, index: int) -> PolicySet:
         return PolicySet([self.weights[index]], self.limit, self.least_std)
 
+    def widened(self, least_std: float) -> PolicySet:
+        """These policies acting with at least this standard deviation."""
+        return PolicySet(self.weights, self.limit, least_std)
+
     def distribution(self, observation: Array, member: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, both (n, actuators), at observations (n, o) of the policies with indices (n,)."""
         x = np.clip((observation[None] - self._mean) / self._std, -CLIP, CLIP)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -50,6 +50,11 @@ def roll_out(make: Callable[[], RobotEnv], policies: PolicySet, member: int, sam
             parts.append(Transitions(states, action, infos[0]["terminal_observation"][None] if dones[0] else reached))
             states = reached
     return merge(parts)
+
+
+def roll_out_each(make: Callable[[], RobotEnv], policies: PolicySet, samples: int, seeds: Sequence[int]) -> Transitions:
+    """`samples` transitions of each of `policies` in turn, each with its own of `seeds`."""
+    return merge([roll_out(make, policies, member, samples, seed) for member, seed in enumerate(seeds)])
 
 
 def _measured(found: Transitions, noise: Array, seed: int) -> Transitions:
@@ -146,8 +151,7 @@ class Problem:
 
         @functools.cache
         def spread() -> Array:
-            parts = [roll_out(target, rollouts, member, 200, seed=20220723) for member in range(len(rollouts))]
-            found: Array = merge(parts).observations.std(0)
+            found: Array = roll_out_each(target, rollouts, 200, [20220723] * len(rollouts)).observations.std(0)
             return found
 
         self.collect = collect
@@ -158,6 +162,11 @@ class Problem:
     def drawn(self) -> int:
         """Target samples collected so far."""
         return self._drawn
+
+    def source_transitions(self, policies: PolicySet, count: int, seed: int) -> Transitions:
+        """`count` transitions of the source in equal shares of `policies`, one each at least; what does not divide is left out."""
+        share = max(1, count // len(policies))
+        return roll_out_each(self.source, policies, share, [seed * 1000 + member for member in range(len(policies))])
 
     def demonstrations(self, policies: PolicySet) -> Transitions:
         """Spend the whole budget in equal shares on `policies` (what does not divide goes to the first ones).

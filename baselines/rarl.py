@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from mpge_bench.baselines.agent import AgentSettings, StepReport, make_agent
-from mpge_bench.baselines.method import Method, Result
+from mpge_bench.baselines.method import Method, Result, swept
 from mpge_bench.baselines.policy import Array, Normalizer, PolicySet, policy_set, tensors
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
@@ -94,13 +93,11 @@ class RARL(Method):
     preset = "rarl"
 
     def train(self, problem: Problem, settings: RARLSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
-        begun, policies, steps = time.monotonic(), {}, 0
-        for ratio in dict.fromkeys((settings.ratio, *settings.sweep)):
+        def train(ratio: float) -> tuple[Mapping[str, torch.Tensor], int]:
             progress.stage(f"protagonist and adversary, ratio {ratio}", 2 * settings.agent.steps)
-            policies[f"ratio={ratio}"], taken = _play(problem, settings, ratio, seed, progress, log_dir / f"ratio_{ratio}")
-            steps += taken
-        policy = policies[f"ratio={settings.ratio}"]
-        return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun}, sweep=policies if settings.sweep else {})
+            return _play(problem, settings, ratio, seed, progress, log_dir / f"ratio_{ratio}")
+
+        return swept("ratio", settings.ratio, settings.sweep, train)
 
 
 def _play(problem: Problem, settings: RARLSettings, ratio: float, seed: int, progress: Progress, log_dir: Path) -> tuple[Mapping[str, torch.Tensor], int]:

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from mpge_bench.envs.effects import effect_from_dict
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.robots import ROBOTS
 from mpge_bench.envs.robots.urdf_robot import UrdfRobot
 from mpge_bench.envs.task import Task
@@ -30,8 +30,7 @@ def import_object(name: str, what: str) -> Any:
     try:
         return getattr(importlib.import_module(module), attribute)
     except Exception as error:  # a user's module may fail in any way
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        raise UserError(f"{name}: cannot be imported ({why}); give MODULE:NAME, where NAME is {what}") from error
+        raise UserError(f"{name}: cannot be imported ({one_line(error, named=True)}); give MODULE:NAME, where NAME is {what}") from error
 
 
 def import_task(name: str) -> Task:
@@ -55,7 +54,7 @@ def read_task(path: Path) -> Task:
     try:
         data = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable YAML file ({' '.join(str(error).split())}); give the path of a pair") from error
+        raise UserError(f"{path}: not a readable YAML file ({one_line(error)}); give the path of a pair") from error
     if not isinstance(data, dict) or not {"robot", "effects"} <= set(data) <= {"name", "robot", "effects", "summary"}:
         got = " ".join(", ".join(map(str, data)).split()) if isinstance(data, dict) else "no mapping"
         raise UserError(f"{path}: a pair has robot and effects, and may have name and summary; got {got}")
@@ -72,5 +71,5 @@ def read_task(path: Path) -> Task:
         task.source()
         task.target()
     except UserError as error:
-        raise UserError(f"{path}: {' '.join(str(error).split())}") from error
+        raise UserError(f"{path}: {one_line(error)}") from error
     return task

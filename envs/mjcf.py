@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 
 Array = npt.NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def read_mjcf(path: Path) -> Mechanism:
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
-        raise UserError(f"{path}: MuJoCo cannot read this model ({' '.join(str(error).split())})") from error
+        raise UserError(f"{path}: MuJoCo cannot read this model ({one_line(error)})") from error
     for name, what in _REFUSED.items():
         if np.any(getattr(model, name, 0)):
             raise UserError(f"{path}: this model has {what}, which cannot be carried over from MJCF; take it out")

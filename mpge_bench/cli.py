@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mpge_bench.envs import get_task
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -152,7 +152,7 @@ def _run_quietly(call: tuple[Any, Path, Path]) -> tuple[Any, dict[str, Any] | No
     try:
         return settings, run(settings, out, policy_folder=policies), None
     except Exception as error:  # one failed run must not take the others with it
-        return settings, None, " ".join((f"{error}" if isinstance(error, UserError) else f"{type(error).__name__}: {error}").split())
+        return settings, None, one_line(error, named=not isinstance(error, UserError))
 
 
 @app.command("train-policies")

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 
 FOLDER = Path(__file__).parent
 PRESETS = ("smoke", "standard", "paper")
@@ -54,6 +54,11 @@ def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
+def _known(preset: str) -> None:
+    if preset not in PRESETS:
+        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
+
+
 def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
     """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
@@ -62,8 +67,7 @@ def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
     Raises:
         UserError: if there is no such preset, or the file cannot be read.
     """
-    if preset not in PRESETS:
-        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
+    _known(preset)
     path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
     try:
         data = yaml.load(path.read_text(), _Loader)
@@ -72,7 +76,7 @@ def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
             for key in ("default", task):
                 base = _merge(base, data.get(section, {}).get(key) or {})
     except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
-        raise UserError(f"{path}: not a readable preset file ({' '.join(str(error).split())}); see mpg.yaml in {FOLDER} for what one looks like") from error
+        raise UserError(f"{path}: not a readable preset file ({one_line(error)}); see mpg.yaml in {FOLDER} for what one looks like") from error
     return base
 
 
@@ -90,7 +94,7 @@ def parse_overrides(pairs: Iterable[str]) -> dict[str, Any]:
         try:
             value = yaml.load(text, _Loader)
         except yaml.YAMLError as error:
-            raise UserError(f"--set {pair}: the value cannot be read ({' '.join(str(error).split())})") from error
+            raise UserError(f"--set {pair}: the value cannot be read ({one_line(error)})") from error
         for part in reversed(key.split(".")):
             value = {part: value}
         found = _merge(found, value)
@@ -103,8 +107,7 @@ def load_settings(kind: type[Settings], name: str | Path | None, preset: str, ta
     Raises:
         UserError: if there is no such preset, or a key or value is wrong.
     """
-    if preset not in PRESETS:
-        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
+    _known(preset)
     data = load_preset(name, preset, task) if name else {}
     return settings_from(kind, _merge(data, overrides or {}))
 

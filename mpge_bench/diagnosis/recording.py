@@ -16,7 +16,7 @@ import pandas as pd
 from mpge_bench.diagnosis.dynamics import Tree
 from mpge_bench.diagnosis.rig import Rig
 from mpge_bench.envs.effects import PositionServo
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 
 Array = npt.NDArray[np.float64]
 
@@ -230,5 +230,5 @@ def _table(path: Path) -> pd.DataFrame:
     except UserError:
         raise
     except Exception as error:  # pandas and pyarrow raise many kinds for what is no table
-        said = " ".join(str(error).split())[:120]
+        said = one_line(error)[:120]
         raise UserError(f"{path}: not a readable CSV or Parquet file ({said}); a recording has columns time, u_<joint>, q_<joint>") from error

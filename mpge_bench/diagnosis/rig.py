@@ -24,7 +24,7 @@ from mpge_bench.envs.effects import (
     ViscousFriction,
     effect_from_dict,
 )
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World
 
@@ -110,7 +110,7 @@ def read_rig(path: Path) -> Rig:
     try:
         data = yaml.load(path.read_text("utf-8"), _Loader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable rig ({_one_line(error)}); give a YAML file as the README describes") from error
+        raise UserError(f"{path}: not a readable rig ({one_line(error)}); give a YAML file as the README describes") from error
     if not isinstance(data, dict):
         raise UserError(f"{path}: a rig is a YAML mapping with robot, joints, ...; this is {type(data).__name__}")
     if "task" in data:
@@ -266,7 +266,3 @@ def _number(path: Path, data: Mapping[str, Any], key: str, default: float) -> fl
     if not _is_number(value) or value <= 0:
         raise UserError(f"{path}: {key} is {value!r}; give a positive number of seconds")
     return float(value)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -26,10 +26,10 @@ from mpge_bench import policies
 from mpge_bench.baselines.method import Method, Result, get_method
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
 from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
-from mpge_bench.baselines.problem import Problem, merge, roll_out
+from mpge_bench.baselines.problem import Problem, roll_out_each
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.envs import Task, get_task
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.harness.metrics import (
     ERROR_STEPS,
     SEED,
@@ -173,7 +173,7 @@ def run(
             "target_optimal": _reference(settings.task, "target", policy_folder),
             "grounded": returns(task.source, policy, transformation=result.grounding) if result.grounding else None,
         }
-        probe = merge([roll_out(task.target, sources, index, _PROBE // len(sources), SEED) for index in range(len(sources))])
+        probe = roll_out_each(task.target, sources, _PROBE // len(sources), [SEED] * len(sources))
         curve = _curve(task, result)
         ungrounded, floor = _ungrounded(settings.task)
         data = {
@@ -188,7 +188,7 @@ def run(
             "target_samples": problem.drawn,
             "returns": {name: asdict(value) if value else None for name, value in found.items()},
             "normalized_return": _normalized(found, own),
-            "oracle": _oracle(result, settings.method, task, found),
+            "oracle": _oracle(result, settings.method, task, found, own),
             "learning": learning(result.episodes, settings.samples),
             "action_transformation_error": {
                 "value": action_transformation_error(task, result.grounding) if result.grounding else None,
@@ -265,8 +265,7 @@ def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task
         len(policy)
         _weights(policy)
     except Exception as error:  # a user's method may return anything
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        raise UserError(f"method {method}: its policy cannot be used ({why}); {needed}") from error
+        raise UserError(f"method {method}: its policy cannot be used ({one_line(error, named=True)}); {needed}") from error
     if actions.shape != (2, len(robot.actuators)) or not np.isfinite(actions).all():
         what = f"gives {actions.shape[-1] if actions.ndim == 2 else 'no'} actions" if np.isfinite(actions).all() else "gives actions that are no numbers"
         raise UserError(f"method {method}: its policy {what}; {needed}")
@@ -284,11 +283,14 @@ def _normalized(found: Mapping[str, Returns | None], policy: Returns) -> float |
     return normalized_return(policy.mean, direct.mean, optimal.mean)
 
 
-def _oracle(result: Result, method: str, task: Task, found: Mapping[str, Returns | None]) -> dict[str, Any] | None:
+def _oracle(result: Result, method: str, task: Task, found: Mapping[str, Returns | None], own: Returns) -> dict[str, Any] | None:
     """Of a method's sweep the policy with the best return in the target, which no method may know: how the papers tuned ANE and RARL."""
     if not result.sweep:
         return None
-    tried = {label: returns(task.target, _checked(state, method, task)) for label, state in result.sweep.items()}
+    # The method's own policy, one of them, has been measured already.
+    tried = {
+        label: own if state is result.policy else returns(task.target, _checked(state, method, task)) for label, state in result.sweep.items()
+    }
     best = max(tried, key=lambda label: tried[label].mean)
     return {
         "chosen": best,
