@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from mpge_bench.baselines.method import Result
 from mpge_bench.baselines.policy import GaussianPolicy, Normalizer, tensors
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
@@ -153,7 +155,7 @@ def train_agent(
 def train_transfer(
     problem: Problem, transformation: Transformation, settings: AgentSettings, seed: int, progress: Progress, log_dir: Path
 ) -> tuple[Mapping[str, torch.Tensor], int]:
-    """Go on training the first source policy in the source under `transformation`: the second half of every grounding method.
+    """Go on training the first source policy in the source under `transformation`.
 
     Returns:
         State dict of the policy, and the control steps it took.
@@ -165,6 +167,34 @@ def train_transfer(
     with closing(Worlds(problem.source, settings.worlds, seed, transformation)) as worlds:
         policy = train_agent(worlds, settings, seed, start=start, progress=progress.advance, log_dir=log_dir)
     return policy.state_dict(), worlds.steps
+
+
+def train_grounded(
+    problem: Problem,
+    checkpoints: Mapping[int, Transformation],
+    grounding_steps: int,
+    settings: AgentSettings,
+    seed: int,
+    progress: Progress,
+    log_dir: Path,
+    begun: float,
+) -> Result:
+    """The second half of every grounding method: `train_transfer` in its grounding, and the result of both halves.
+
+    Args:
+        checkpoints: groundings by control steps done, the last of which is *the* grounding.
+        grounding_steps: the simulator steps that all of it took.
+        begun: time.monotonic() when the first half began.
+    """
+    grounding, grounded = checkpoints[max(checkpoints)], time.monotonic()
+    policy, steps = train_transfer(problem, grounding, settings, seed, progress, log_dir / "agent")
+    return Result(
+        policy,
+        grounding,
+        checkpoints,
+        steps={"grounding": grounding_steps, "agent": steps},
+        seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
+    )
 
 
 def _linear(initial: float) -> Callable[[float], Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from mpge_bench.baselines.agent import AgentSettings, train_transfer
+from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.networks import Networks
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array
@@ -95,15 +95,7 @@ class GAT(Method):
         forward = _Regression(_beside(target, target.actions), _change(target), settings, seed)
         inverse = _Regression(_beside(source, _change(source)), source.actions, settings, seed + 1)
         grounding = GATTransformation(forward, inverse, settings.smoothing, problem.robot.action_limit)
-        grounded = time.monotonic()
-        policy, steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
-        return Result(
-            policy,
-            grounding,
-            {len(source): grounding},
-            steps={"grounding": len(source), "agent": steps},
-            seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
-        )
+        return train_grounded(problem, {len(source): grounding}, len(source), settings.agent, seed, progress, log_dir, begun)
 
 
 def _change(transitions: Transitions) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pandas as pd
 import torch
 from scipy.optimize import least_squares
 
-from mpge_bench.baselines.agent import AgentSettings, train_transfer
+from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.inverse import REACHED, Solver
 from mpge_bench.baselines.grounding.networks import Networks
 from mpge_bench.baselines.method import Method, Result
@@ -157,17 +157,9 @@ class Inversion(Method):
         residuals = source.residuals(answers.actions, source.scale)
         report = _report(problem.robot, residuals, itself.residuals(own_answers.actions, source.scale))
         report |= {"capacity": chosen, "held_out_loss": losses}
-        steps, grounded = itself.solver.steps + source.solver.steps, time.monotonic()
-        policy, agent_steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
-        return Result(
-            policy,
-            grounding,
-            {steps: grounding},
-            steps={"grounding": steps, "agent": agent_steps},
-            seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
-            report=report,
-            residuals=residuals,
-        )
+        steps = itself.solver.steps + source.solver.steps
+        result = train_grounded(problem, {steps: grounding}, steps, settings.agent, seed, progress, log_dir, begun)
+        return replace(result, report=report, residuals=residuals)
 
 
 class _Source:

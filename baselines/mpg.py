@@ -14,7 +14,7 @@ import torch
 from sb3_contrib import TRPO
 from stable_baselines3.common.logger import configure
 
-from mpge_bench.baselines.agent import AgentSettings, StepReport, train_transfer
+from mpge_bench.baselines.agent import AgentSettings, StepReport, train_grounded
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
 from mpge_bench.baselines.grounding.transformation import LearntTransformation, TransformationPolicy
@@ -201,16 +201,7 @@ class MPG(Method):
         rollouts = problem.rollouts.widened(settings.rollout_std)
         target = problem.demonstrations(rollouts)
         members = ground_ensemble(problem, rollouts, target, settings, seed, progress, log_dir, jobs)
-        grounded = time.monotonic()
         checkpoints = {
             steps: LearntTransformation(PolicySet([member[steps] for member in members], 2 * limit), limit) for steps in members[0]
         }
-        grounding = checkpoints[max(checkpoints)]
-        policy, steps = train_transfer(problem, grounding, settings.agent, seed, progress, log_dir / "agent")
-        return Result(
-            policy,
-            grounding,
-            checkpoints,
-            steps={"grounding": len(members) * max(checkpoints), "agent": steps},
-            seconds={"grounding": grounded - begun, "agent": time.monotonic() - grounded},
-        )
+        return train_grounded(problem, checkpoints, len(members) * max(checkpoints), settings.agent, seed, progress, log_dir, begun)

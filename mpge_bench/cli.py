@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import sys
 from itertools import product
@@ -112,7 +111,7 @@ def sweep(
     from mpge_bench import leaderboard as board
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.harness.run import RunSettings
+    from mpge_bench.harness.run import RunSettings, remove_remains
     from mpge_bench.policies import home
 
     overrides = _overrides(changes, rollouts, divergence)
@@ -136,7 +135,7 @@ def sweep(
                 progress.advance(1)
     except BaseException:
         for settings in plan:
-            shutil.rmtree(settings.partial(out), ignore_errors=True)
+            remove_remains(settings, out)
         raise
     results = board.collect(out)
     for sheet in board.sheets(results) if len(results) else ():

@@ -11,7 +11,8 @@ import re
 import shutil
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +21,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import torch
+from filelock import FileLock, Timeout
 from safetensors.torch import save_file
 
 from mpge_bench import policies
@@ -46,6 +48,8 @@ from mpge_bench.harness.residuals import draw_residuals
 
 SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
+#: In a run's partial folder, held while the run is made.
+_LOCK = "lock"
 #: Target transitions that the harness draws, outside the method's budget, to measure the transition error on.
 _PROBE = 1000
 
@@ -150,14 +154,8 @@ def run(
     # What is missing shall be known before the work, not after it.
     sources, _ = (policies.load_set(task, kind, policy_folder) for kind in ("source", "target"))
     problem = Problem(task, _rollouts(task, method, chosen, settings.seed, policy_folder), settings.samples, settings.seed, settings.noise)
-    partial = settings.partial(out)
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise UserError(f"{folder}: cannot be written to ({error.strerror}); choose another folder with --out") from error
     begun = time.monotonic()
-    try:
+    with _own_folder(settings, out) as partial:
         torch.manual_seed(settings.seed)
         torch.set_num_threads(1)
         result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=partial / "tensorboard", jobs=jobs)
@@ -226,11 +224,44 @@ def run(
         written = json.dumps(data, indent=1, default=_plain)
         (partial / "result.json").write_text(written + "\n")
         shutil.rmtree(folder, ignore_errors=True)
+        (partial / _LOCK).unlink()
         partial.replace(folder)
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
     return dict(json.loads(written))
+
+
+@contextmanager
+def _own_folder(settings: RunSettings, out: Path) -> Iterator[Path]:
+    """The run's folder ``….partial``, empty and this process's alone; removed at the end, unless it was moved to its final place.
+
+    Raises:
+        UserError: if it cannot be written to, or another process is at work in it.
+    """
+    partial = settings.partial(out)
+    try:
+        partial.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(partial / _LOCK)
+        lock.acquire(timeout=0)
+    except Timeout as error:
+        raise UserError(f"{settings.folder(out)}: another process is making this result; wait for it, or choose another folder with --out") from error
+    except OSError as error:
+        raise UserError(f"{settings.folder(out)}: cannot be written to ({error.strerror}); choose another folder with --out") from error
+    try:
+        for remains in partial.iterdir():  # of a run that was killed
+            if remains.is_dir():
+                shutil.rmtree(remains)
+            elif remains.name != _LOCK:
+                remains.unlink()
+        yield partial
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        lock.release()
+
+
+def remove_remains(settings: RunSettings, out: Path) -> None:
+    """Remove what a run that was killed has left, but not the files of one that another process is still at."""
+    if settings.partial(out).exists():
+        with suppress(UserError), _own_folder(settings, out):
+            pass
 
 
 def _plain(value: Any) -> Any:

@@ -10,12 +10,13 @@ import textwrap
 import numpy as np
 import pandas as pd
 import pytest
+from filelock import FileLock
 from safetensors.numpy import load_file
 
 from mpge_bench.baselines.method import get_method
 from mpge_bench.baselines.mpg import MPG
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.run import RunSettings, present_result, read_result, run, stored_run
+from mpge_bench.harness.run import RunSettings, present_result, read_result, remove_remains, run, stored_run
 from mpge_bench.leaderboard import collect
 
 SMOKE = RunSettings("biased_pendulum", "mpg", samples=50, preset="smoke", seed=1)
@@ -126,6 +127,20 @@ def test_remains_of_a_killed_run_do_not_disturb(policy_folder, tmp_path):
     (remains / "result.json").write_text("{}")
     run(settings, tmp_path, policy_folder=policy_folder)
     assert not remains.exists()
+
+
+def test_a_run_that_another_process_is_at_is_left_alone(policy_folder, tmp_path):
+    settings = RunSettings("biased_pendulum", "direct", 50, "smoke", 0)
+    half = settings.partial(tmp_path) / "tensorboard" / "half"
+    half.parent.mkdir(parents=True)
+    half.write_text("")
+    with FileLock(settings.partial(tmp_path) / "lock"):
+        with pytest.raises(UserError, match=r"seed0: another process is making this result; wait for it, or choose another folder with --out$"):
+            run(settings, tmp_path, policy_folder=policy_folder)
+        remove_remains(settings, tmp_path)
+        assert half.exists()
+    remove_remains(settings, tmp_path)
+    assert not settings.partial(tmp_path).exists()
 
 
 def test_unreadable_result_is_one_line(tmp_path):
