@@ -68,11 +68,14 @@ def _measured(found: Transitions, noise: Array, seed: int) -> Transitions:
 class MeteredWorlds(VecEnv):
     """Target worlds to learn in; every step of each draws a sample from the budget, and nothing leads to the worlds themselves.
 
+    Args:
+        sense: what the sensors make of observations (n, o). Rewards and the ends of episodes are those of the true state.
+
     Raises:
         BudgetError: by `step`, once the budget is spent.
     """
 
-    def __init__(self, worlds: Worlds, draw: Callable[[int], None]) -> None:
+    def __init__(self, worlds: Worlds, draw: Callable[[int], None], sense: Callable[[Array], Array]) -> None:
         super().__init__(worlds.num_envs, worlds.observation_space, worlds.action_space)
         self.limit = worlds.limit
 
@@ -80,10 +83,17 @@ class MeteredWorlds(VecEnv):
             draw(worlds.num_envs)
             worlds.step_async(actions)
 
+        def step_wait() -> tuple[Array, Array, Array, list[dict[str, Any]]]:
+            observations, rewards, dones, infos = worlds.step_wait()
+            for info in infos:
+                if "terminal_observation" in info:
+                    info["terminal_observation"] = sense(info["terminal_observation"][None])[0]
+            return sense(observations), rewards, dones, infos
+
         # Closures, as `Problem.collect` is.
         self._step_async = step_async
-        self._reset: Callable[[], Array] = lambda: worlds.reset()
-        self._step_wait: Callable[[], tuple[Array, Array, Array, list[dict[str, Any]]]] = lambda: worlds.step_wait()
+        self._reset: Callable[[], Array] = lambda: sense(worlds.reset())
+        self._step_wait: Callable[[], tuple[Array, Array, Array, list[dict[str, Any]]]] = step_wait
         self._close: Callable[[], None] = lambda: worlds.close()
 
     def reset(self) -> Array:
@@ -124,8 +134,8 @@ class Problem:
         measured: turns transitions of the source into what the target's sensors would have recorded of them.
 
     Args:
-        noise: standard deviation of the noise on collected observations, as a share of each entry's spread (its standard deviation under the rollout
-            policies in the target). Both ends of a transition are measured; the state between two transitions is measured once. `worlds` are exact.
+        noise: standard deviation of the noise on the target's observations, as a share of each entry's spread (its standard deviation under the rollout
+            policies in the target). Both ends of a transition are measured; the state between two transitions is measured once.
     """
 
     def __init__(self, task: Task, rollouts: PolicySet, budget: int, seed: int, noise: float = 0.0) -> None:
@@ -154,9 +164,15 @@ class Problem:
             found: Array = roll_out_each(target, rollouts, 200, [20220723] * len(rollouts)).observations.std(0)
             return found
 
+        def worlds(count: int) -> MeteredWorlds:
+            rng = np.random.default_rng((seed, 2))  # another stream than the transitions'
+            return MeteredWorlds(
+                Worlds(target, count, seed), draw, lambda found: found + noise * spread() * rng.standard_normal(found.shape) if noise else found
+            )
+
         self.collect = collect
         self.measured = measured
-        self.worlds: Callable[[int], MeteredWorlds] = lambda count: MeteredWorlds(Worlds(target, count, seed), draw)
+        self.worlds = worlds
 
     @property
     def drawn(self) -> int:

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mpge_bench.baselines.policy import PolicySet
-from mpge_bench.baselines.problem import BudgetError, Problem, Transitions, roll_out
+from mpge_bench.baselines.problem import BudgetError, Problem, Transitions, roll_out, roll_out_each
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import RobotEnv, get_task
 from mpge_bench.envs.errors import UserError
@@ -115,6 +115,25 @@ def test_a_step_of_the_worlds_draws_one_sample_each_until_the_budget_is_spent(pe
     with pytest.raises(BudgetError, match="2 target samples asked for, 1 of 5 left"):
         worlds.step(np.zeros((2, 1)))
     assert problem.drawn == 4
+
+
+def test_noise_is_on_what_is_seen_of_the_worlds_but_not_in_them(pendulum_policies):
+    exact, noisy = (Problem(TASK, pendulum_policies, 4000, seed=0, noise=noise).worlds(4) for noise in (0.0, 0.1))
+    misses, ends = [noisy.reset() - exact.reset()], []
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        actions = rng.uniform(-1, 1, (4, 1))
+        (before, *plain, known), (after, *found, infos) = exact.step(actions), noisy.step(actions)
+        np.testing.assert_array_equal(plain, found)
+        misses.append(after - before)
+        ends += [
+            here["terminal_observation"] - there["terminal_observation"] for here, there in zip(infos, known, strict=True) if "terminal_observation" in there
+        ]
+    spread = np.std([*np.concatenate(misses), *ends], axis=0)
+    states = roll_out_each(TASK.target, pendulum_policies, 200, [20220723] * len(pendulum_policies)).observations
+    np.testing.assert_allclose(spread, 0.1 * states.std(0), rtol=0.1)
+    assert len(ends) > 20
+    assert np.abs(ends).min() > 0
 
 
 def _reachable(thing: Any, seen: set[int]) -> Iterator[Any]:
