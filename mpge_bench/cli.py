@@ -364,6 +364,7 @@ def render(
 def leaderboard(
     results: Annotated[Path, typer.Argument(help="Folder with result.json files, at any depth.")] = Path("leaderboard/results"),
     markdown: Annotated[bool, typer.Option(help="Print Markdown.")] = False,
+    plots: Annotated[Path | None, typer.Option(help="Folder for the same as pictures: returns.png and curves.png.")] = None,
 ) -> None:
     """Print the tables of results, interquartile means over seeds with 95% bootstrap intervals: returns, groundings, learning in the target.
 
@@ -379,6 +380,14 @@ def leaderboard(
             print(sheet.markdown())
         else:
             _wide().print(sheet.table())
+    if plots:
+        from mpge_bench.figures import draw
+
+        try:
+            written = draw(found, plots)
+        except OSError as error:
+            raise UserError(f"{plots}: cannot be written to ({error.strerror}); choose another folder with --plots") from error
+        print(f"Pictures: {', '.join(map(str, written))}", file=sys.stderr)
 
 
 @app.command()

@@ -18,18 +18,16 @@ from mpge_bench.harness.run import read_result
 _RESAMPLES, _SEED = 2000, 0
 #: Percentages of the target budget at which MULTIPOLAR reports.
 _SHARES = ("25", "50", "75", "100")
-
-
 #: Behind the name of a method whose settings were chosen by their return in the target.
 ORACLE = " (oracle)"
 
 
 def collect(folder: Path) -> pd.DataFrame:
-    """One row a result found anywhere under `folder`; another for the oracle's choice where there is one."""
+    """One row a result found anywhere under `folder`, with where it lies; another for the oracle's choice where there is one."""
     rows: list[dict[str, Any]] = []
     for path in sorted(folder.rglob("result.json")):
         result = read_result(path)
-        rows.append(_row(result))
+        rows.append(_row(result) | {"folder": str(path.parent)})
         if result.get("oracle"):
             oracle = {"method": result["method"] + ORACLE, "return": result["oracle"]["returns"]["mean"]}
             rows.append(rows[-1] | oracle | {"normalized_return": result["oracle"]["normalized_return"]})
