@@ -443,7 +443,7 @@ def _wide() -> Console:
 
 def _show(result: dict[str, Any], folder: Path) -> None:
     found = result["returns"]
-    settings = f"{result['samples']} target samples, {result.get('variant', result['preset'])}, seed {result['seed']}"
+    settings = f"{result['samples']} target samples, {result['variant']}, seed {result['seed']}"
     drawn = Table("", result["method"], "reference", title=f"{result['task']}, {settings}")
 
     def number(value: float | None, digits: int = 3) -> str:
@@ -459,14 +459,14 @@ def _show(result: dict[str, Any], folder: Path) -> None:
     drawn.add_row("return in the grounded source", spread("grounded"), "")
     for name, label in (("action_transformation_error", "action-transformation error"), ("transition_error", "transition error")):
         drawn.add_row(label, number(result[name]["value"]), f"{number(result[name]['source'])} ungrounded")
-    if result.get("oracle"):
+    if result["oracle"]:
         oracle = result["oracle"]
         chosen = f"{oracle['returns']['mean']:.1f} ± {oracle['returns']['std']:.1f}"
         drawn.add_row("return: oracle's choice from the sweep", chosen, f"{oracle['chosen']}, chosen by {oracle['target_episodes']} target episodes")
-    for share, value in (result.get("learning") or {}).items():
+    for share, value in (result["learning"] or {}).items():
         drawn.add_row(f"mean episode in the first {share}% of the samples", number(value, 1), "")
     _out.print(drawn)
-    if result.get("report", {}).get("verdict"):
+    if result["report"].get("verdict"):
         _out.print(result["report"]["verdict"], markup=False, soft_wrap=True)
     seconds = result["wall_clock_s"]
     _out.print(f"{result['target_samples']} target samples used; {sum(result['simulator_steps'].values()):,} simulator steps; {seconds['total']:.0f} s.")

@@ -28,17 +28,17 @@ def collect(folder: Path) -> pd.DataFrame:
     for path in sorted(folder.rglob("result.json")):
         result = read_result(path)
         rows.append(_row(result) | {"folder": str(path.parent)})
-        if result.get("oracle"):
+        if result["oracle"]:
             oracle = {"method": result["method"] + ORACLE, "return": result["oracle"]["returns"]["mean"]}
             rows.append(rows[-1] | oracle | {"normalized_return": result["oracle"]["normalized_return"]})
     return pd.DataFrame(rows)
 
 
 def _row(result: dict[str, Any]) -> dict[str, Any]:
-    found, learnt = result["returns"], result.get("learning") or {}
+    found, learnt = result["returns"], result["learning"] or {}
     return {
         **{key: result[key] for key in ("task", "samples")},
-        "preset": result.get("variant", result["preset"]),
+        "preset": result["variant"],
         **{key: result[key] for key in ("method", "seed")},
         "return": found["policy"]["mean"],
         "direct": found["direct"]["mean"],

@@ -48,6 +48,8 @@ from mpge_bench.harness.residuals import draw_residuals
 
 SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
+#: What a result has to say for the run to be known again, and repeated.
+_IDENTITY = {"address", "pair", "method", "samples", "preset", "seed", "overrides", "noise", "variant", "settings"}
 #: In a run's partial folder, held while the run is made.
 _LOCK = "lock"
 #: Target transitions that the harness draws, outside the method's budget, to measure the transition error on.
@@ -340,13 +342,13 @@ def stored_run(path: Path) -> tuple[RunSettings, Any]:
     """
     data = read_result(path)
     settings = RunSettings(
-        data.get("address", data["task"]),
+        data["address"],
         data["method"],
         data["samples"],
         data["preset"],
         data["seed"],
-        tuple(data.get("overrides", ())),
-        data.get("noise", 0.0),
+        tuple(data["overrides"]),
+        data["noise"],
     )
     try:
         return settings, settings_from(get_method(settings.method).settings, data["settings"])
@@ -364,9 +366,9 @@ def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict
     if not (folder / "result.json").exists():
         return None
     found = read_result(folder / "result.json")
-    if found.get("pair", task.to_dict()) != task.to_dict():
+    if found["pair"] != task.to_dict():
         raise UserError(f"{folder} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
-    if "variant" in found and found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
+    if found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
         raise UserError(f"{folder} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
     return found
 
@@ -393,6 +395,9 @@ def read_result(path: Path) -> dict[str, Any]:
         data = json.loads(path.read_text())
         if data["schema"] != SCHEMA:
             raise KeyError(f"schema {data['schema']}, not {SCHEMA}")
+        missing = _IDENTITY - data.keys()
+        if missing:
+            raise KeyError(f"it lacks {', '.join(sorted(missing))}")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{path}: not a result file ({error}); remove it and run again") from error
     return dict(data)

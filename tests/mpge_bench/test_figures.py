@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,21 +10,16 @@ from matplotlib.figure import Figure
 from mpge_bench.figures import draw
 from mpge_bench.leaderboard import collect, interquartile_mean, interval
 
-RETURNS = {"policy": {"mean": 1.0}, "direct": {"mean": 0.0}, "target_optimal": {"mean": 10.0}, "grounded": None}
 
+@pytest.fixture
+def store(write_result):
+    def write(folder, task, method, samples, seed, normalized, curve=None, **more):
+        path = folder / task / method / f"n{samples}" / f"seed{seed}"
+        write_result(path / "result.json", normalized, task=task, method=method, samples=samples, variant="standard", seed=seed, **more)
+        if curve:
+            pd.DataFrame(curve.items(), columns=["steps", "action_transformation_error"]).to_parquet(path / "curve.parquet")
 
-def store(folder, task, method, samples, seed, normalized, curve=None, **more):
-    path = folder / task / method / f"n{samples}" / f"seed{seed}"
-    path.mkdir(parents=True)
-    result = {
-        **{"schema": "mpge_bench/run/1", "task": task, "method": method, "samples": samples, "preset": "standard", "variant": "standard", "seed": seed},
-        **{"returns": RETURNS, "normalized_return": normalized, "learning": None, "oracle": None},
-        **{name: {"value": None, "source": 1.5} for name in ("action_transformation_error", "transition_error")},
-        **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "total": 120.0}},
-    }
-    (path / "result.json").write_text(json.dumps(result | more))
-    if curve:
-        pd.DataFrame(curve.items(), columns=["steps", "action_transformation_error"]).to_parquet(path / "curve.parquet")
+    return write
 
 
 @pytest.fixture
@@ -47,7 +40,7 @@ def lines(axes, style):
     return [line.get_xydata() for line in axes.lines if style in (line.get_marker(), line.get_linestyle()) and len(line.get_xydata())]
 
 
-def test_returns_are_the_tables_interquartile_means_and_intervals(tmp_path, figures):
+def test_returns_are_the_tables_interquartile_means_and_intervals(tmp_path, figures, store):
     values = {"good": [0.7, 1.5, 0.9], "bad": [0.1, -0.2, 0.3]}
     for method, found in values.items():
         for seed, value in enumerate(found):
@@ -61,7 +54,7 @@ def test_returns_are_the_tables_interquartile_means_and_intervals(tmp_path, figu
     assert bars == [pytest.approx(interval(values["bad"])), pytest.approx(interval(values["good"]))]
 
 
-def test_curves_are_means_over_seeds_and_a_grounding_made_at_once_is_a_mark(tmp_path, figures):
+def test_curves_are_means_over_seeds_and_a_grounding_made_at_once_is_a_mark(tmp_path, figures, store):
     for seed in range(2):
         store(tmp_path / "r", "t", "slow", 500, seed, 0.5, curve={100: 1.0 + seed, 200: 0.2 + 0.2 * seed})
         store(tmp_path / "r", "t", "fast", 500, seed, 0.9, curve={50: 1e-12})
@@ -75,7 +68,7 @@ def test_curves_are_means_over_seeds_and_a_grounding_made_at_once_is_a_mark(tmp_
     assert sorted(text.get_text() for text in figures["curves.png"].legends[0].texts) == ["fast", "slow"]
 
 
-def test_methods_without_a_normalised_return_or_with_an_oracle_are_drawn(tmp_path, figures):
+def test_methods_without_a_normalised_return_or_with_an_oracle_are_drawn(tmp_path, figures, store):
     store(tmp_path / "r", "one", "direct", 0, 0, None)
     oracle = {"chosen": "x", "returns": {"mean": 8.0}, "normalized_return": 0.8}
     store(tmp_path / "r", "two", "swept", 0, 0, 0.5, curve={100: 0.5, 200: 0.1}, oracle=oracle)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -31,24 +29,19 @@ def test_interval_lies_within_the_values_and_around_their_centre(values):
     assert min(values) - 1e-9 <= low <= high <= max(values) + 1e-9
 
 
-def store(folder, method, seed, normalized, **more):
-    returns = {name: {"mean": value, "std": 0.0, "episodes": 50} for name, value in (("policy", 10 * normalized), ("direct", 0.0), ("target_optimal", 10.0))}
-    result = {
-        **{"schema": "mpge_bench/run/1", "task": "t", "method": method, "samples": 10, "preset": "smoke", "variant": "smoke+std=0.1", "seed": seed},
-        **{"returns": {**returns, "grounded": None}, "normalized_return": normalized},
-        **{name: {"value": None, "source": 1.0} for name in ("action_transformation_error", "transition_error")},
-        **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "total": 120.0}},
-    }
-    path = folder / method / f"seed{seed}" / "result.json"
-    path.parent.mkdir(parents=True)
-    path.write_text(json.dumps(result | more))
+@pytest.fixture
+def store(write_result):
+    def write(folder, method, seed, normalized, **more):
+        write_result(folder / method / f"seed{seed}" / "result.json", normalized, method=method, variant="smoke+std=0.1", seed=seed, **more)
+
+    return write
 
 
 def lines(sheet):
     return sheet.markdown().splitlines()[4:]
 
 
-def test_table_puts_the_best_method_of_a_task_first(tmp_path):
+def test_table_puts_the_best_method_of_a_task_first(tmp_path, store):
     for method, value in (("bad", 0.1), ("good", 0.9)):
         for seed in range(3):
             store(tmp_path, method, seed, value)
@@ -59,7 +52,7 @@ def test_table_puts_the_best_method_of_a_task_first(tmp_path):
     ]
 
 
-def test_an_oracles_choice_is_a_row_of_its_own(tmp_path):
+def test_an_oracles_choice_is_a_row_of_its_own(tmp_path, store):
     oracle = {"chosen": "std=0.4", "returns": {"mean": 8.0, "std": 0.0, "episodes": 50}, "normalized_return": 0.8}
     for seed in range(2):
         store(tmp_path, "ane", seed, 0.5, oracle=oracle)
@@ -70,7 +63,7 @@ def test_an_oracles_choice_is_a_row_of_its_own(tmp_path):
     assert [line.split(" | ")[3:6] for line in lines(returned)] == [["ane (oracle)", "2", "0.80 (0.80 to 0.80)"], ["ane", "2", "0.50 (0.50 to 0.50)"]]
 
 
-def test_what_only_some_methods_do_has_a_table_of_its_own(tmp_path):
+def test_what_only_some_methods_do_has_a_table_of_its_own(tmp_path, store):
     errors = {"action_transformation_error": {"value": 0.25, "source": 1.0}, "transition_error": {"value": 0.5, "source": 2.0}}
     store(tmp_path, "grounds", 0, 0.5, **errors)
     store(tmp_path, "learns", 0, 0.2, learning={"25": None, "50": 3.0, "75": 4.0, "100": 5.0})
@@ -80,7 +73,7 @@ def test_what_only_some_methods_do_has_a_table_of_its_own(tmp_path):
     assert lines(learnt) == ["| t | 10 | smoke+std=0.1 | learns | 1 | – | 3 (3 to 3) | 4 (4 to 4) | 5 (5 to 5) |"]
 
 
-def test_references_too_near_each_other_to_normalise_by(tmp_path):
+def test_references_too_near_each_other_to_normalise_by(tmp_path, store):
     store(tmp_path, "direct", 0, 0.0, normalized_return=None)
     (returned,) = sheets(collect(tmp_path))
     assert lines(returned) == ["| t | 10 | smoke+std=0.1 | direct | 1 | – | 0 (0 … 10) | 2.0 |"]

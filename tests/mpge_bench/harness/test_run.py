@@ -145,7 +145,7 @@ def test_a_run_that_another_process_is_at_is_left_alone(policy_folder, tmp_path)
 
 def test_unreadable_result_is_one_line(tmp_path):
     path = tmp_path / "result.json"
-    for content in ("", "[]", '{"schema": "other"}'):
+    for content in ("", "[]", '{"schema": "other"}', '{"schema": "mpge_bench/run/1", "method": "mpg"}'):
         path.write_text(content)
         with pytest.raises(UserError, match=r"result\.json: not a result file"):
             read_result(path)
@@ -236,10 +236,9 @@ def test_a_stored_run_is_run_again_to_the_same_policy(policy_folder, tmp_path):
         present_result(settings, tmp_path / "one", dataclasses.replace(chosen, rollout_std=0.1))
 
 
-def test_a_stored_run_with_settings_unknown_by_now_is_one_line(tmp_path):
-    path = tmp_path / "result.json"
-    data = {**dataclasses.asdict(SMOKE), "schema": "mpge_bench/run/1", "settings": {"agent": {"stesp": 3}}}
-    path.write_text(json.dumps(data))
+def test_a_stored_run_with_settings_unknown_by_now_is_one_line(tmp_path, write_result):
+    path = tmp_path / "new" / "result.json"
+    write_result(path, 0.5, address=SMOKE.task, **dataclasses.asdict(SMOKE) | {"settings": {"agent": {"stesp": 3}}})
     with pytest.raises(UserError, match=r"result\.json: its configuration cannot be run \(unknown setting agent\.stesp"):
         stored_run(path)
 
