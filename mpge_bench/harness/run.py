@@ -25,7 +25,7 @@ from filelock import FileLock, Timeout
 from safetensors.torch import save_file
 
 from mpge_bench import policies
-from mpge_bench.baselines.method import Method, Result, get_method
+from mpge_bench.baselines.method import Result, get_method
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
 from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
 from mpge_bench.baselines.problem import Problem, roll_out_each
@@ -155,7 +155,7 @@ def run(
         return present
     # What is missing shall be known before the work, not after it.
     sources, _ = (policies.load_set(task, kind, policy_folder) for kind in ("source", "target"))
-    problem = Problem(task, _rollouts(task, method, chosen, settings.seed, policy_folder), settings.samples, settings.seed, settings.noise)
+    problem = problem_of(settings, chosen, policy_folder)
     begun = time.monotonic()
     with _own_folder(settings, out) as partial:
         torch.manual_seed(settings.seed)
@@ -273,14 +273,22 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"a method's report takes plain data, not a {type(value).__name__}")
 
 
-def _rollouts(task: Task, method: Method, chosen: Any, seed: int, folder: Path) -> PolicySet:
-    """The policies a method is given: number seed mod five first, so that seeds start from different ones, and as many as its settings say."""
-    kind = "er" if getattr(chosen, "rollouts", "ms") == "er" else method.policies
+def problem_of(settings: RunSettings, chosen: Any, folder: Path = policies.FOLDER) -> Problem:
+    """The problem that the run's method is given, the method's settings being `chosen`.
+
+    Of the source policies in `folder` number seed mod five comes first, so that seeds start from different ones, and as many as the settings say.
+
+    Raises:
+        UserError: if there are not so many, or if they are missing or corrupt.
+    """
+    task = get_task(settings.task)
+    kind = "er" if getattr(chosen, "rollouts", "ms") == "er" else get_method(settings.method).policies
     known = policies.load_set(task, kind, folder)
     count = getattr(chosen, "policies", len(known))
     if not 1 <= count <= len(known):
         raise UserError(f"setting policies is {count}; there are {len(known)} {kind} policies of {task.name}")
-    return PolicySet([known.weights[(seed + index) % len(known)] for index in range(count)], known.limit)
+    rollouts = PolicySet([known.weights[(settings.seed + index) % len(known)] for index in range(count)], known.limit)
+    return Problem(task, rollouts, settings.samples, settings.seed, settings.noise)
 
 
 def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task) -> Policy:
