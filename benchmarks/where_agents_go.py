@@ -6,22 +6,20 @@ import tempfile
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 import torch
 import typer
 
 from mpge_bench.baselines.method import get_method
-from mpge_bench.baselines.policy import load_state, policy_from
+from mpge_bench.baselines.policy import Array, load_state, policy_from
 from mpge_bench.baselines.progress import Silent
-from mpge_bench.baselines.vector import Worlds
-from mpge_bench.envs import get_task
+from mpge_bench.baselines.vector import Transformation, Worlds
+from mpge_bench.envs import Task, get_task
 from mpge_bench.harness.metrics import SEED
 from mpge_bench.harness.run import problem_of, read_result, stored_run
 
-Array = npt.NDArray[Any]
 #: Control steps of the agent that are looked at, a world.
 STEPS, WORLDS = 800, 4
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
@@ -57,19 +55,21 @@ def main(
                 visited.append(observations)
                 observations, *_ = worlds.step(agent.best(observations, np.zeros(WORLDS, int)))
         there = np.concatenate(visited)
-
-        def error(states: Array, grounding: Any = grounding, task: Any = task) -> float:
-            rng = np.random.default_rng(SEED)
-            actions = rng.uniform(-task.robot.action_limit, task.robot.action_limit, (len(states), len(task.robot.actuators)))
-            found = grounding(states, actions, rng.integers(grounding.members, size=len(states)))
-            return float(np.linalg.norm(task.action_transformation(actions) - found, axis=1).mean())
-
         beyond = (np.abs(there - demonstrations.mean(0)) > 3 * demonstrations.std(0)).any(1).mean()
         print(
-            f"| {task.name} | {settings.samples} | {settings.method} | {settings.seed} | {error(demonstrations):.3f} | {error(there):.3f} | {beyond:.0%} |"
+            f"| {task.name} | {settings.samples} | {settings.method} | {settings.seed} |"
+            f" {_error(task, grounding, demonstrations):.3f} | {_error(task, grounding, there):.3f} | {beyond:.0%} |"
             f" {returns['grounded']['mean']:.0f} | {returns['policy']['mean']:.0f} |",
             flush=True,
         )
+
+
+def _error(task: Task, grounding: Transformation, states: Array) -> float:
+    """Mean ‖ã* − ã‖ under uniformly random actions at `states` (n, o)."""
+    rng = np.random.default_rng(SEED)
+    actions = rng.uniform(-task.robot.action_limit, task.robot.action_limit, (len(states), len(task.robot.actuators)))
+    found = grounding(states, actions, rng.integers(grounding.members, size=len(states)))
+    return float(np.linalg.norm(task.action_transformation(actions) - found, axis=1).mean())
 
 
 if __name__ == "__main__":

@@ -48,6 +48,7 @@ def _returns(results: pd.DataFrame) -> Figure:
     tasks, samples = sorted(results["task"].unique()), sorted(results["samples"].unique())
     # Mean over tasks, so that each counts alike.
     labels = results.groupby(["label", "task"])["normalized_return"].median().groupby("label").mean().sort_values().index.tolist()
+    sizes_of = {label: sorted(group.unique()) for label, group in results.groupby("label")["samples"]}
     colours = dict(zip([size for size in samples if size], _COLOURS * len(samples), strict=False)) | {0: "0.4"}
     figure = Figure(figsize=(2 + 4.6 * len(tasks), 1.6 + 0.36 * len(labels)), layout="constrained")
     panels = figure.subplots(1, len(tasks), sharey=True, squeeze=False)[0]
@@ -57,7 +58,7 @@ def _returns(results: pd.DataFrame) -> Figure:
         for (label, size), group in results[results["task"] == task].groupby(["label", "samples"]):
             values = group["normalized_return"].dropna().to_numpy(float)
             if len(values):
-                sizes = sorted(results[results["label"] == label]["samples"].unique())
+                sizes = sizes_of[label]
                 y = labels.index(label) + 0.24 * (sizes.index(size) - (len(sizes) - 1) / 2)
                 axes.scatter(values, np.full(len(values), y), s=12, color=colours[size], alpha=0.35, linewidths=0)
                 axes.plot(interval(values), (y, y), color=colours[size], linewidth=1.5)
