@@ -6,7 +6,7 @@ figures. A test holds an update against stable-baselines3's own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,18 +18,16 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
 from mpge_bench.baselines.policy import CLIP, LOG_STD_RANGE
+from mpge_bench.baselines.workers import Advance
 
 Floats = npt.NDArray[np.float32]
-#: Called with the number of control steps done since the last call.
-Advance = Callable[[int], None]
-
 #: Share of the learning rate that is left at the end; it falls linearly.
 _FINAL_RATE = 0.1
 #: As in stable-baselines3: what the value's loss counts, the largest norm of a gradient, the largest scaled reward.
 _VALUE_COEFFICIENT, _GRADIENT_NORM, _REWARD_CLIP = 0.5, 0.5, 10.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PPOSettings:
     """Hyperparameters of PPO; `worlds` run side by side, `rollout_steps` of each make a batch.
 
@@ -211,7 +209,6 @@ class PPO:
         seed: of the network's initial weights, of the action noise and of the minibatches.
         start: weights by name to start from, the input statistics among them then kept, the noise set to `initial_std`; None starts from scratch.
         log_dir: where TensorBoard curves go.
-        limit: the action limit; the worlds' own if not given.
 
     Attributes:
         steps: control steps taken so far.
@@ -221,7 +218,7 @@ class PPO:
     def __init__(
         self, worlds: VecEnv, settings: PPOSettings, seed: int, *, start: Mapping[str, npt.NDArray[Any]] | None = None, log_dir: Path | None = None
     ) -> None:
-        self.worlds, self.settings = worlds, settings
+        self.settings = settings
         self.limit = float(worlds.action_space.high[0])  # type: ignore[attr-defined]
         self.rng = np.random.default_rng(seed)
         (observations,), (actions,) = worlds.observation_space.shape, worlds.action_space.shape  # type: ignore[misc]
@@ -236,21 +233,36 @@ class PPO:
         self.network.arrays["log_std_net.weight"][:] = 0
         self.network.arrays["log_std_net.bias"][:] = np.log(settings.initial_std)
         self._adam = _Adam(self.network.values.size)
-        self._discounted, self._reward_scale = np.zeros(worlds.num_envs), RunningMeanStd(shape=())
-        self._logger = configure(str(log_dir), ["tensorboard"]) if log_dir else None
-        self._states: npt.NDArray[Any] | None = None
+        self._reward_scale = RunningMeanStd(shape=())
+        self._log_dir, self._logger = log_dir, None
+        self._begin(worlds)
         self.steps = 0
         self.episodes: list[tuple[int, float]] = []
+
+    def _begin(self, worlds: VecEnv | None) -> None:
+        self.worlds = worlds
+        self._states: npt.NDArray[Any] | None = None
+        self._discounted = np.zeros(worlds.num_envs if worlds else 0)
+
+    def paused(self) -> PPO:
+        """The agent without its worlds, to be sent to another process; they stay the caller's to close."""
+        self._begin(None)
+        self._logger = None
+        return self
+
+    def resumed(self, worlds: VecEnv) -> PPO:
+        """A paused agent going on in `worlds`, where new episodes begin."""
+        self._begin(worlds)
+        return self
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Weights and input statistics by name, as copies; a state dict of `GaussianPolicy`'s."""
         scale = {"features_extractor.mean": self.mean.astype(np.float32), "features_extractor.std": self.std.astype(np.float32)}
         return scale | {name: array.copy() for name, array in self.network.arrays.items()}
 
-    def learn(self, steps: int, advance: Advance | None = None, total: int | None = None) -> None:
-        """Take `steps` control steps, in whole batches, and learn from them; the learning rate falls over `total` of them all."""
-        end, total = self.steps + steps, total or self.steps + steps
-        while self.steps < end:
+    def learn(self, until: int, total: int, advance: Advance) -> None:
+        """Learn until `until` control steps have been taken in all, in whole batches; the learning rate falls over `total` steps."""
+        while self.steps < until:
             rollout, last = self.collect(advance)
             self.update(rollout, last, max(1 - self.steps / total, _FINAL_RATE))
             self._log()
@@ -259,8 +271,9 @@ class PPO:
         found: Floats = np.clip((observations - self.mean) / self.std, -CLIP, CLIP).astype(np.float32)
         return found
 
-    def collect(self, advance: Advance | None = None) -> tuple[_Rollout, Floats]:
+    def collect(self, advance: Advance) -> tuple[_Rollout, Floats]:
         """Act for a batch; what happened, and the values (n,) of the states that it ended in."""
+        assert self.worlds is not None
         settings, count = self.settings, self.worlds.num_envs
         shape = (settings.rollout_steps, count)
         rollout = _Rollout(*(np.zeros((*shape, *size), np.float32) for size in ((self.mean.size,), (self.worlds.action_space.shape), (), (), (), ())))
@@ -279,8 +292,7 @@ class PPO:
             self.steps += count
             rollout.rewards[step] = self._rewarded(rewards, dones, infos)
             rollout.goes_on[step] = ~dones
-            if advance:
-                advance(count)
+            advance(count)
         assert self._states is not None
         last = self.network.value(self._scaled(self._states))
         if self._scale is not None:
@@ -330,7 +342,8 @@ class PPO:
         return found
 
     def _log(self) -> None:
-        if self._logger:
+        if self._log_dir:
+            self._logger = self._logger or configure(str(self._log_dir), ["tensorboard"])
             recent = [value for _, value in self.episodes[-100:]]
             if recent:
                 self._logger.record("rollout/ep_rew_mean", float(np.mean(recent)))

@@ -18,7 +18,7 @@ from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import DiverseWorlds, Worlds
 from mpge_bench.envs import RobotEnv, Task
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.metrics import returns
+from mpge_bench.baselines.evaluation import returns
 
 #: Seeds of the shipped policies: five source policies a robot (the MPGE paper's K), five of an entropy-regularised set, three target-optimal policies a pair.
 SEEDS = {"source": range(5), "er": range(5), "target": range(3)}
