@@ -95,7 +95,7 @@ class GAT(Method):
         forward = _Regression(_beside(target, target.actions), _change(target), settings, seed)
         inverse = _Regression(_beside(source, _change(source)), source.actions, settings, seed + 1)
         grounding = GATTransformation(forward, inverse, settings.smoothing, problem.robot.action_limit)
-        return train_grounded(problem, {len(source): grounding}, len(source), settings.agent, seed, progress, log_dir, begun)
+        return train_grounded(problem, {len(source): grounding}, len(source), settings.agent, seed, progress, log_dir, begun, jobs)
 
 
 def _change(transitions: Transitions) -> Array:

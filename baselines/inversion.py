@@ -158,7 +158,7 @@ class Inversion(Method):
         report = _report(problem.robot, residuals, itself.residuals(own_answers.actions, source.scale))
         report |= {"capacity": chosen, "held_out_loss": losses}
         steps = itself.solver.steps + source.solver.steps
-        result = train_grounded(problem, {steps: grounding}, steps, settings.agent, seed, progress, log_dir, begun)
+        result = train_grounded(problem, {steps: grounding}, steps, settings.agent, seed, progress, log_dir, begun, jobs)
         return replace(result, report=report, residuals=residuals)
 
 

@@ -19,11 +19,12 @@ from stable_baselines3.common.torch_layers import MlpExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from torch import nn
 
-from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import AggregatedPolicy, Array, GaussianPolicy, PolicySet, tensors
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.torch_agent import train_agent
 from mpge_bench.envs.errors import UserError
 
 
