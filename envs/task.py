@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from mpge_bench.envs.effects import Effect, Hidden
 from mpge_bench.envs.env import RobotEnv
+from mpge_bench.envs.fingerprint import fingerprint
 from mpge_bench.envs.robots.robot import Array, Robot
 
 
@@ -67,6 +69,10 @@ class Task:
             effect.actuate(command, robot.joints.index(effect.target), None, None, Hidden(robot.timestep))
         return np.clip(command[actuated].T / robot.gears, -robot.action_limit, robot.action_limit)
 
+    def fingerprints(self) -> dict[str, str]:
+        """16 hex digits each that tell the motion of the ``robot`` as the source has it and of the ``pair``'s target; see `fingerprint`."""
+        return {"robot": _source_fingerprint(self.robot), "pair": _target_fingerprint(self)}
+
     def to_dict(self) -> dict[str, object]:
         """Plain data: name, robot, effects, summary, citation and note."""
         return {
@@ -77,3 +83,13 @@ class Task:
             "citation": self.citation,
             "note": self.note,
         }
+
+
+@functools.cache
+def _source_fingerprint(robot: Robot) -> str:
+    return fingerprint(lambda: RobotEnv(robot))
+
+
+@functools.cache
+def _target_fingerprint(task: Task) -> str:
+    return fingerprint(task.target)
