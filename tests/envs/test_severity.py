@@ -82,7 +82,9 @@ def test_the_number_is_what_the_pair_says_it_is() -> None:
     assert get_task("broken_hopper@0.25").action_transformation(action) == pytest.approx(action * [0.25, 1, 1])
 
 
-@pytest.mark.parametrize("name", ["broken_hopper@0", "broken_hopper@0.0", "broken_hopper@-0", "delayed_cheetah@0.03", "tilted_cheetah@6", "biased_pendulum@1.5"])
+@pytest.mark.parametrize(
+    "name", ["broken_hopper@0", "broken_hopper@0.0", "broken_hopper@-0", "delayed_cheetah@0.03", "tilted_cheetah@6", "biased_pendulum@1.5"]
+)
 def test_the_registered_severity_is_the_registered_pair(name: str) -> None:
     assert get_task(name) is TASKS[base_name(name)]
 
