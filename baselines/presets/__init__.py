@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import yaml
 
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.severity import base_name
 
 FOLDER = Path(__file__).parent
 PRESETS = ("smoke", "standard", "paper")
@@ -62,7 +63,7 @@ def _known(preset: str) -> None:
 def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
     """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
-    A file may say ``inherits: other`` and then holds only what differs from the other's.
+    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's.
 
     Raises:
         UserError: if there is no such preset, or the file cannot be read.
@@ -73,7 +74,7 @@ def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
         data = yaml.load(path.read_text(), _Loader)
         base = load_preset(data["inherits"], preset, task) if "inherits" in data else {}
         for section in ("all", preset):
-            for key in ("default", task):
+            for key in dict.fromkeys(("default", base_name(task), task)):
                 base = _merge(base, data.get(section, {}).get(key) or {})
     except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
         raise UserError(f"{path}: not a readable preset file ({one_line(error)}); see mpg.yaml in {FOLDER} for what one looks like") from error
