@@ -13,7 +13,6 @@ from mpge_bench.baselines.policy import Policy
 from mpge_bench.baselines.vector import Transformation, Worlds
 from mpge_bench.envs import RobotEnv
 
-
 #: The harness evaluates on the same episodes in every run, so that runs differ by what they learnt alone.
 EPISODES, SEED = 50, 20220723
 

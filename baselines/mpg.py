@@ -21,6 +21,7 @@ from mpge_bench.baselines.policy import Array, PolicySet, arrays
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.torch_agent import StepReport
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.baselines.workers import Advance, side_by_side
 from mpge_bench.envs import RobotEnv

@@ -226,7 +226,7 @@ class PPO:
         self._scale: RunningMeanStd | None = None if start is not None else RunningMeanStd(shape=(observations,))
         self.mean, self.std = np.zeros(observations), np.ones(observations)
         if start is not None:
-            self.mean, self.std = (np.asarray(start[f"features_extractor.{name}"], float) for name in ("mean", "std"))
+            self.scale_inputs_as(start)
             for name, array in self.network.arrays.items():
                 array[:] = start[name]
         # A trained policy hardly explores any more; to learn another gait it must.
@@ -254,6 +254,11 @@ class PPO:
         """A paused agent going on in `worlds`, where new episodes begin."""
         self._begin(worlds)
         return self
+
+    def scale_inputs_as(self, weights: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Use the input statistics among `weights`, and learn no others."""
+        self.mean, self.std = (np.asarray(weights[f"features_extractor.{name}"], float) for name in ("mean", "std"))
+        self._scale = None
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Weights and input statistics by name, as copies; a state dict of `GaussianPolicy`'s."""

@@ -14,7 +14,6 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from mpge_bench.baselines.ppo import PPOSettings
 from mpge_bench.baselines.policy import GaussianPolicy, Normalizer
 from mpge_bench.baselines.workers import Advance
 
