@@ -1,27 +1,24 @@
-"""The protocol that every method, ours or a user's, implements, and the registry of ours."""
+"""The protocol that every method, ours or a user's, implements."""
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import inspect
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import pandas as pd
-import torch
-
-from mpge_bench.baselines.policy import Policy
 from mpge_bench.baselines.presets import NoSettings
-from mpge_bench.baselines.problem import Problem
-from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.vector import Transformation
-from mpge_bench.envs.custom import import_object
-from mpge_bench.envs.errors import UserError
+
+if TYPE_CHECKING:  # what a method is can be asked without torch
+    import pandas as pd
+    import torch
+
+    from mpge_bench.baselines.policy import Policy
+    from mpge_bench.baselines.problem import Problem
+    from mpge_bench.baselines.progress import Progress
+    from mpge_bench.baselines.vector import Transformation
 
 
 @dataclass
@@ -99,64 +96,3 @@ class Method(ABC):
             log_dir: for TensorBoard curves.
             jobs: processes that may be used.
         """
-
-
-def methods() -> dict[str, Method]:
-    """Our methods by name, references first."""
-    return dict(_methods())
-
-
-@functools.cache
-def _methods() -> dict[str, Method]:
-    from mpge_bench.baselines.ane import ANE
-    from mpge_bench.baselines.direct import Direct, TargetOptimal
-    from mpge_bench.baselines.garat import GARAT
-    from mpge_bench.baselines.gat import GAT
-    from mpge_bench.baselines.inversion import Inversion
-    from mpge_bench.baselines.mpg import MPG
-    from mpge_bench.baselines.mpge import MPGE
-    from mpge_bench.baselines.multipolar import RPL, Multipolar, Scratch
-    from mpge_bench.baselines.rarl import RARL
-
-    return {
-        "direct": Direct(),
-        "target_optimal": TargetOptimal(),
-        "ane": ANE(),
-        "rarl": RARL(),
-        "gat": GAT(),
-        "garat": GARAT(),
-        "mpg": MPG(),
-        "mpge": MPGE(),
-        "inversion": Inversion(),
-        "scratch": Scratch(),
-        "rpl": RPL(),
-        "multipolar": Multipolar(),
-    }
-
-
-def get_method(name: str) -> Method:
-    """The method called `name`, or a user's own: ``my_package.mine:MyMethod``.
-
-    Raises:
-        UserError: if there is none, or the user's own is no `Method`.
-    """
-    if ":" in name:
-        return _import(name)
-    known = methods()
-    if name not in known:
-        raise UserError(f"unknown method {name!r}; choose one of: {', '.join(known)}; or give your own: my_package.mine:MyMethod")
-    return known[name]
-
-
-@functools.cache
-def _import(address: str) -> Method:
-    what = "a subclass of mpge_bench.baselines.method.Method"
-    found = import_object(address, what)
-    if not (inspect.isclass(found) and issubclass(found, Method)) or inspect.isabstract(found):
-        raise UserError(f"{address}: is not {what} with a `train` of its own")
-    if not dataclasses.is_dataclass(found.settings):
-        raise UserError(f"{address}: its `settings` is no dataclass")
-    try:
-        return found()
-    except TypeError as error:
-        raise UserError(f"{address}: cannot be made without arguments ({error})") from error

@@ -428,7 +428,7 @@ def methods() -> None:
 
     Your own method is a subclass of mpge_bench.baselines.method.Method; README has a complete example.
     """
-    from mpge_bench.baselines.method import methods as known
+    from mpge_bench.baselines.registry import methods as known
 
     drawn = Table("method", "what it does", "from", "touches, besides the source and its policies")
     for name, method in known().items():

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpge_bench.baselines.agent import AgentSettings
-from mpge_bench.baselines.method import methods
 from mpge_bench.baselines.mpg import MPGSettings
 from mpge_bench.baselines.presets import PRESETS, NoSettings, load_preset, load_settings, parse_overrides, settings_from
+from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import ROBOTS, TASKS
 from mpge_bench.envs.errors import UserError
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mpge_bench.baselines.method import methods
+from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import TASKS
 from mpge_bench.policies import FOLDER
 

@@ -1,0 +1,57 @@
+"""The methods by name. A method's module is read when the method is asked for: nobody waits for what is not used."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+
+from mpge_bench.baselines.method import Method
+from mpge_bench.envs.custom import import_object
+from mpge_bench.envs.errors import UserError
+
+#: Module and class of each of our methods, references first.
+ADDRESSES = {
+    "direct": "mpge_bench.baselines.direct:Direct",
+    "target_optimal": "mpge_bench.baselines.direct:TargetOptimal",
+    "ane": "mpge_bench.baselines.ane:ANE",
+    "rarl": "mpge_bench.baselines.rarl:RARL",
+    "gat": "mpge_bench.baselines.gat:GAT",
+    "garat": "mpge_bench.baselines.garat:GARAT",
+    "mpg": "mpge_bench.baselines.mpg:MPG",
+    "mpge": "mpge_bench.baselines.mpge:MPGE",
+    "inversion": "mpge_bench.baselines.inversion:Inversion",
+    "scratch": "mpge_bench.baselines.multipolar:Scratch",
+    "rpl": "mpge_bench.baselines.multipolar:RPL",
+    "multipolar": "mpge_bench.baselines.multipolar:Multipolar",
+}
+
+
+def methods() -> dict[str, Method]:
+    """Our methods by name, references first."""
+    return {name: get_method(name) for name in ADDRESSES}
+
+
+def get_method(name: str) -> Method:
+    """The method called `name`, or a user's own: ``my_package.mine:MyMethod``.
+
+    Raises:
+        UserError: if there is none, or the user's own is no `Method`.
+    """
+    if name not in ADDRESSES and ":" not in name:
+        raise UserError(f"unknown method {name!r}; choose one of: {', '.join(ADDRESSES)}; or give your own: my_package.mine:MyMethod")
+    return _import(ADDRESSES.get(name, name))
+
+
+@functools.cache
+def _import(address: str) -> Method:
+    what = "a subclass of mpge_bench.baselines.method.Method"
+    found = import_object(address, what)
+    if not (inspect.isclass(found) and issubclass(found, Method)) or inspect.isabstract(found):
+        raise UserError(f"{address}: is not {what} with a `train` of its own")
+    if not dataclasses.is_dataclass(found.settings):
+        raise UserError(f"{address}: its `settings` is no dataclass")
+    try:
+        return found()
+    except TypeError as error:
+        raise UserError(f"{address}: cannot be made without arguments ({error})") from error
