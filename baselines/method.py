@@ -63,14 +63,25 @@ def swept(name: str, own: float, further: Sequence[float], train: Callable[[floa
     return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun}, sweep=policies if further else {})
 
 
+#: What a method may use besides the source as often as it likes and the source policies: every word there is for it, and what it means.
+ACCESS = {
+    "transitions": "target transitions (s, a, s'), metered",
+    "rewards": "rewards in the target, of the metered transitions",
+    "target": "learns in the target without limit",
+    "resets": "puts the source into states of its choice",
+    "physics": "changes the source's physics",
+    "noise": "knows the noise of the sensors",
+    "returns": "an oracle chose a setting by returns in the target; so are the rows marked (oracle), of methods with a sweep",
+}
+
+
 class Method(ABC):
     """A way to get a policy for the target from the source and a few target samples.
 
     Attributes:
         summary: what it does, one line.
         citation: the paper it is from.
-        touches: what it uses besides the source simulator and the source policies.
-        samples: whether it draws target samples; the result of one that does not holds for every budget.
+        access: what it uses besides the source simulator and the source policies, words of `ACCESS`; empty for nothing.
         settings: dataclass of its hyperparameters.
         preset: YAML file with their values by preset and task, in `presets` unless it is a path; None where the defaults of `settings` hold.
         policies: which policies it is given in `Problem.rollouts`: ``source``, or ``target`` for the reference that was trained in the target.
@@ -78,11 +89,15 @@ class Method(ABC):
 
     summary: ClassVar[str] = ""
     citation: ClassVar[str] = ""
-    touches: ClassVar[str] = "target samples"
-    samples: ClassVar[bool] = True
+    access: ClassVar[frozenset[str]] = frozenset({"transitions"})
     settings: ClassVar[type[Any]] = NoSettings
     preset: ClassVar[str | Path | None] = None
     policies: ClassVar[str] = "source"
+
+    @property
+    def samples(self) -> bool:
+        """Whether it draws target samples; the result of one that does not holds for every budget."""
+        return "transitions" in self.access
 
     @abstractmethod
     def train(self, problem: Problem, settings: Any, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:

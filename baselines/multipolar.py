@@ -146,7 +146,7 @@ class Multipolar(Method):
 
     summary = "learns in the target how to weigh source policies, and a residual"
     citation = "Barekatain et al. 2019"
-    touches = "target samples with rewards"
+    access = frozenset({"transitions", "rewards"})
     settings = AggregationSettings
     preset: ClassVar[str | Path | None] = "multipolar"
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+from typing import Any
 
-from mpge_bench.baselines.method import Method
+from mpge_bench.baselines.method import ACCESS, Method
+from mpge_bench.baselines.presets import load_settings, presets_of
 from mpge_bench.envs.custom import import_object
 from mpge_bench.envs.errors import UserError
 
@@ -43,6 +45,24 @@ def get_method(name: str) -> Method:
     return _import(ADDRESSES.get(name, name))
 
 
+def described(name: str) -> dict[str, Any]:
+    """All that is known of a method, as plain data: where it is from, what it may use, and its settings under the preset standard where no pair changes them.
+
+    Raises:
+        UserError: as `get_method`.
+    """
+    method = get_method(name)
+    return {
+        "name": name,
+        "summary": method.summary,
+        "citation": method.citation,
+        "access": sorted(method.access),
+        "samples": method.samples,
+        "presets": presets_of(method.preset),
+        "settings": dataclasses.asdict(load_settings(method.settings, method.preset, "standard")),
+    }
+
+
 @functools.cache
 def _import(address: str) -> Method:
     what = "a subclass of mpge_bench.baselines.method.Method"
@@ -51,6 +71,9 @@ def _import(address: str) -> Method:
         raise UserError(f"{address}: is not {what} with a `train` of its own")
     if not dataclasses.is_dataclass(found.settings):
         raise UserError(f"{address}: its `settings` is no dataclass")
+    unknown = sorted(map(str, set(found.access) - ACCESS.keys()))
+    if unknown:
+        raise UserError(f"{address}: its `access` says {', '.join(unknown)}; the words there are: {', '.join(ACCESS)}")
     try:
         return found()
     except TypeError as error:
