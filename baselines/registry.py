@@ -18,6 +18,7 @@ ADDRESSES = {
     "target_optimal": "mpge_bench.baselines.direct:TargetOptimal",
     "ane": "mpge_bench.baselines.ane:ANE",
     "rarl": "mpge_bench.baselines.rarl:RARL",
+    "randomization": "mpge_bench.baselines.randomization:Randomization",
     "gat": "mpge_bench.baselines.gat:GAT",
     "garat": "mpge_bench.baselines.garat:GARAT",
     "mpg": "mpge_bench.baselines.mpg:MPG",
