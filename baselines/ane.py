@@ -35,8 +35,7 @@ class ANE(Method):
 
     summary = "the source policy trained on under random noise on its actions"
     citation = "Jakobi et al. 1995; Desai et al. 2020"
-    touches = "nothing (the oracle's choice: returns in the target)"
-    samples = False
+    access = frozenset()
     settings = ANESettings
     preset = "ane"
 

@@ -150,6 +150,7 @@ class Inversion(Method):
 
     summary = "inverts the source on each target transition, robust regression of ã (ours)"
     citation = "mpge_bench"
+    access = frozenset({"transitions", "resets", "noise"})
     settings = InversionSettings
     preset = "inversion"
 

@@ -86,8 +86,7 @@ class RARL(Method):
 
     summary = "the source policy trained on against an adversary that adds to its actions"
     citation = "Pinto et al. 2017"
-    touches = "nothing (the oracle's choice: returns in the target)"
-    samples = False
+    access = frozenset()
     settings = RARLSettings
     preset = "rarl"
 

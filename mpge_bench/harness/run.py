@@ -25,11 +25,12 @@ from safetensors.torch import save_file
 
 from mpge_bench import policies
 from mpge_bench.baselines.evaluation import SEED, Returns, returns
-from mpge_bench.baselines.method import Result, get_method
+from mpge_bench.baselines.method import Result
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
 from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
 from mpge_bench.baselines.problem import Problem, roll_out_each
 from mpge_bench.baselines.progress import Progress, Silent
+from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs import Task, get_task
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.harness.metrics import (

@@ -7,13 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mpge_bench.baselines.method import get_method, methods
 from mpge_bench.baselines.policy import PolicySet, policy_from, policy_set
 from mpge_bench.baselines.presets import load_preset, load_settings
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Silent
+from mpge_bench.baselines.registry import get_method, methods
 from mpge_bench.envs import TASKS, get_task
-from mpge_bench.envs.errors import UserError
 
 #: What learns an action transformation.
 GROUNDING = {"gat", "garat", "mpg", "mpge", "inversion"}
@@ -74,8 +73,3 @@ def test_members_are_grounded_side_by_side(make_policy, tmp_path):
     # A worker process may round differently from the main one, so only the sizes are compared with those of one process.
     first, second = (result.grounding.policies.weights[member]["action_net.weight"] for member in range(2))
     assert np.abs(first - second).max() > 1e-3
-
-
-def test_unknown_method():
-    with pytest.raises(UserError, match=f"unknown method 'mpgee'; choose one of: {', '.join(methods())}; or give your own: my_package.mine:MyMethod"):
-        get_method("mpgee")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mpge_bench.baselines.method import methods
+from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import TASKS
 from mpge_bench.policies import FOLDER
 
@@ -105,7 +105,20 @@ def test_tasks_and_methods_are_listed():
     code, out, _ = call("methods")
     assert code == 0
     # A cell may take several lines.
-    assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split()))
+    assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split(), *method.access))
+
+
+def test_methods_are_plain_data_for_programs():
+    code, out, _ = call("methods", "--json")
+    assert code == 0
+    found = {one["name"]: one for one in json.loads(out)}
+    assert list(found) == list(methods())
+    assert (found["ane"]["access"], found["ane"]["samples"]) == ([], False)
+    assert (found["scratch"]["access"], found["scratch"]["samples"]) == (["rewards", "transitions"], True)
+    assert found["mpge"]["settings"]["ensemble"] == 5
+    code, out, _ = call("methods", "gat", "--json")
+    assert json.loads(out) == [found["gat"]]
+    assert "unknown method 'gta'; choose one of" in refused("methods", "gta")
 
 
 @pytest.mark.parametrize("command", ["run", "sweep", "train-policies", "leaderboard", "render", "tasks"])
