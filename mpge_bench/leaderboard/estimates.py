@@ -1,7 +1,7 @@
 """Statistics over runs and pairs: rliable's (Agarwal et al. 2021, "Deep reinforcement learning at the edge of the statistical precipice").
 
-Scores are arrays (runs, pairs). Intervals are 95% percentile intervals of rliable's bootstrap, which draws runs anew within each pair. rliable is imported where
-it is used: with arch and statsmodels behind it that takes seconds.
+Scores are arrays (runs, pairs). Intervals are 95% percentile intervals of rliable's bootstrap, which draws runs anew within each pair. rliable is
+imported where it is used: with arch and statsmodels behind it that takes seconds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import trim_mean
 
 Scores = npt.NDArray[np.float64]
 
@@ -29,21 +28,20 @@ class Estimate:
 
     Attributes:
         value: nan if it could not be measured.
-        low, high: bounds of the 95% interval, if there are runs enough for one.
+        bounds: of the 95% interval, if there are runs enough for one.
         points: the runs' values, if there are not and all are of one pair.
     """
 
     value: float
-    low: float | None = None
-    high: float | None = None
+    bounds: tuple[float, float] | None = None
     points: tuple[float, ...] = ()
 
     def text(self, digits: int) -> str:
         """``0.52 (0.31 to 0.70)``, with too few runs for that ``0.52 (0.31, 0.55, 0.70)``; a dash for what could not be measured."""
         if np.isnan(self.value):
             return "–"
-        if self.low is not None and self.high is not None:
-            return f"{_plain(self.value, digits)} ({_plain(self.low, digits)} to {_plain(self.high, digits)})"
+        if self.bounds:
+            return "{} ({} to {})".format(*(_plain(one, digits) for one in (self.value, *self.bounds)))
         return _plain(self.value, digits) + (f" ({', '.join(_plain(point, digits) for point in self.points)})" if len(self.points) > 1 else "")
 
 
@@ -64,11 +62,14 @@ def interquartile_means(groups: Sequence[Sequence[float] | Scores]) -> list[Esti
     scores = [np.asarray(group, float).reshape(len(group), -1) for group in groups]
 
     def middles(stack: Scores, drawn: npt.NDArray[np.int64]) -> Scores:
-        # As aggregate_iqm does, for many groups at once.
-        return np.asarray(trim_mean(stack[:, drawn, np.arange(stack.shape[2])].reshape(len(stack), -1), 0.25, axis=1))
+        # As aggregate_iqm does, for many groups at once; scipy's trim_mean behind it takes a millisecond a call.
+        ordered = np.sort(stack[:, drawn, np.arange(stack.shape[2])].reshape(len(stack), -1), axis=1)
+        cut = ordered.shape[1] // 4
+        return np.asarray(ordered[:, cut : ordered.shape[1] - cut].mean(axis=1))
 
     bounds = _intervals([(group,) for group in scores], middles)
-    return [_estimate(interquartile_mean(group), bound, group) for group, bound in zip(scores, bounds, strict=True)]
+    points: list[tuple[float, ...]] = [() if group.shape[1] > 1 else tuple(group[:, 0].tolist()) for group in scores]
+    return [Estimate(interquartile_mean(group), bound, () if bound else own) for group, bound, own in zip(scores, bounds, points, strict=True)]
 
 
 def improvements(pairs: Sequence[tuple[Scores, Scores]]) -> list[Estimate]:
@@ -83,7 +84,7 @@ def improvements(pairs: Sequence[tuple[Scores, Scores]]) -> list[Estimate]:
 
     bounds = _intervals(pairs, probabilities)
     found = [float(metrics.probability_of_improvement(*pair)) for pair in pairs]
-    return [_estimate(value, bound) for value, bound in zip(found, bounds, strict=True)]
+    return [Estimate(value, bound) for value, bound in zip(found, bounds, strict=True)]
 
 
 def profiles(scores: Mapping[str, Scores], thresholds: Scores) -> dict[str, tuple[Scores, Scores | None]]:
@@ -96,12 +97,6 @@ def profiles(scores: Mapping[str, Scores], thresholds: Scores) -> dict[str, tupl
     with _repeatable():
         found, bounds = library.create_performance_profile(scores, thresholds, custom_profile_func=shares, reps=_RESAMPLES)
     return {label: (found[label], bounds[label] if len(scores[label]) >= FEWEST_RUNS else None) for label in scores}
-
-
-def _estimate(value: float, bound: tuple[float, float] | None, scores: Scores | None = None) -> Estimate:
-    if bound:
-        return Estimate(value, *bound)
-    return Estimate(value, points=tuple(scores[:, 0].tolist()) if scores is not None and scores.shape[1] == 1 else ())
 
 
 def _intervals(groups: Sequence[tuple[Scores, ...]], statistic: Callable[..., Scores]) -> list[tuple[float, float] | None]:

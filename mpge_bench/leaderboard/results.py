@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.perfect import Perfect
 from mpge_bench.harness.result import OldResultError, read_result
-from mpge_bench.leaderboard.estimates import Scores, interquartile_mean
+from mpge_bench.leaderboard.estimates import Estimate, Scores, improvements, interquartile_mean
 
 #: Percentages of the target budget at which MULTIPOLAR reports.
 SHARES = ("25", "50", "75", "100")
@@ -94,7 +95,7 @@ def _access(result: Mapping[str, Any], *more: str) -> tuple[str, ...]:
 def todays_physics(address: str) -> dict[str, str] | None:
     """The fingerprints of the pair at `address` as it moves today; None if it is a user's own that cannot be had here."""
     try:
-        return get_task(address).fingerprints()
+        return dict(get_task(address).fingerprints())  # type: ignore[attr-defined]  # until Task has it
     except UserError:
         return None
 
@@ -107,9 +108,9 @@ def _check_physics(found: pd.DataFrame) -> None:
         today = todays_physics(str(address))
         if today is None:
             each = "; ".join(_runs(runs) for _, runs in group.groupby("physics", sort=False))
-            raise UserError(f"results of {task} were made with different physics and do not compare: {each}; remove those of the older physics and run again")
+            raise UserError(f"results of {task} differ in their physics and do not compare: {each}; remove those of the older physics and run again")
         stale = group[group["physics"] != tuple(sorted(today.items()))]
-        raise UserError(f"results of {task} were made with different physics and do not compare; remove these, which are not today's, and run again: {_runs(stale)}")
+        raise UserError(f"results of {task} differ in their physics and do not compare; remove these, which are not of today's, and run again: {_runs(stale)}")
 
 
 def _runs(found: pd.DataFrame) -> str:
@@ -126,7 +127,7 @@ class Section:
     """The results of pairs that are looked at together.
 
     Attributes:
-        slug: for names of files.
+        slug: for names of files and links.
     """
 
     slug: str
@@ -153,6 +154,16 @@ class Comparison:
     samples: int
     pairs: tuple[str, ...]
     scores: dict[str, Scores]
+
+    @property
+    def budget(self) -> str:
+        return f"{self.samples:,} target samples" if self.samples else "no target samples"
+
+    def improvements(self) -> dict[tuple[str, str], Estimate]:
+        """How probably a method's run scores more than one of the next method, and than one of the source policies, by both names."""
+        names = list(self.scores)
+        over = dict.fromkeys([*itertools.pairwise(names), *((name, "direct") for name in names if "direct" in names and name != "direct")])
+        return dict(zip(over, improvements([(self.scores[name], self.scores[other]) for name, other in over]), strict=True))
 
 
 def comparisons(found: pd.DataFrame) -> list[Comparison]:

@@ -11,14 +11,14 @@ import pandas as pd
 from rich.table import Table
 
 from mpge_bench.harness.perfect import Perfect
-from mpge_bench.leaderboard.estimates import Estimate, improvements, interquartile_mean, interquartile_means
+from mpge_bench.leaderboard.estimates import Estimate, interquartile_mean, interquartile_means
 from mpge_bench.leaderboard.results import SHARES, Section, comparisons, perfect, sections
 
 #: One letter for each word of `mpge_bench.baselines.method.ACCESS`.
 LETTERS = {"transitions": "T", "rewards": "R", "target": "U", "resets": "S", "physics": "P", "noise": "N", "returns": "O"}
 ACCESS_LEGEND = (
-    "access: what a method uses besides the source and its policies: T target transitions and R their rewards, metered; U the target, unlimited; S sets the source's"
-    " states; P changes the source's physics; N knows the sensors' noise; O an oracle: returns in the target chose a setting."
+    "access: what a method uses besides the source and its policies: T target transitions and R their rewards, metered; U the target, unlimited; S sets the"
+    " source's states; P changes the source's physics; N knows the sensors' noise; O an oracle: returns in the target chose a setting."
 )
 #: Where the floor is a larger share of an action error, the error says more of how ã* is chosen among equals than of the grounding.
 LARGEST_FLOOR = 0.2
@@ -87,18 +87,14 @@ def aggregate_sheets(results: pd.DataFrame) -> list[Sheet]:
     """A table a comparison: normalised returns over runs and pairs, and how probably a method's run scores more than one of the next, and than the source's."""
     made = []
     for compared in comparisons(results):
-        names, scores = list(compared.scores), compared.scores
-        beaten = [(name, other) for name, following in zip(names, [*names[1:], None], strict=True) for other in (following, "direct") if other in scores]
-        chances = dict(zip(beaten, improvements([(scores[name], scores[other]) for name, other in beaten]), strict=True))
+        names, chances = list(compared.scores), compared.improvements()
         rows = []
-        for index, (name, middle) in enumerate(zip(names, interquartile_means(list(scores.values())), strict=True)):
-            over_next = chances[name, names[index + 1]].text(2) if index + 1 < len(names) else "–"
-            over_direct = chances[name, "direct"].text(2) if name != "direct" and "direct" in scores else "–"
-            rows.append([name, str(len(scores[name])), middle.text(2), over_next, over_direct])
+        for name, following, middle in zip(names, [*names[1:], ""], interquartile_means(list(compared.scores.values())), strict=True):
+            over = [chances[name, other].text(2) if (name, other) in chances else "–" for other in (following, "direct")]
+            rows.append([name, str(len(compared.scores[name])), middle.text(2), *over])
         headers = ["method", "seeds", "normalised return", "P(better than the next)", "P(better than direct)"]
-        budget = f"{compared.samples:,} target samples" if compared.samples else "no target samples"
         note = f"Interquartile means over runs and pairs: {', '.join(compared.pairs)}. P: probability of improvement."
-        made.append(Sheet(f"over {len(compared.pairs)} pairs, {budget}, {compared.preset}", headers, rows, note))
+        made.append(Sheet(f"over {len(compared.pairs)} pairs, {compared.budget}, {compared.preset}", headers, rows, note))
     return made
 
 

@@ -32,7 +32,7 @@ def _rliable(scores, statistic):
 @given(st.lists(SCORES, min_size=1, max_size=4))
 def test_interquartile_means_are_rliables_whatever_else_is_estimated_beside_them(groups):
     for group, found in zip(groups, interquartile_means(groups), strict=True):
-        assert [found.value, found.low, found.high] == pytest.approx(_rliable([group], metrics.aggregate_iqm), abs=1e-12)
+        assert [found.value, *found.bounds] == pytest.approx(_rliable([group], metrics.aggregate_iqm), abs=1e-12)
 
 
 @settings(max_examples=5, deadline=None)
@@ -41,7 +41,7 @@ def test_probabilities_of_improvement_are_rliables(first, second):
     pairs = min(first.shape[1], second.shape[1])
     both = first[:, :pairs], second[:, :pairs]
     (found,) = improvements([both])
-    assert [found.value, found.low, found.high] == pytest.approx(_rliable(list(both), metrics.probability_of_improvement), abs=1e-12)
+    assert [found.value, *found.bounds] == pytest.approx(_rliable(list(both), metrics.probability_of_improvement), abs=1e-12)
 
 
 def test_profiles_are_shares_of_runs_above_thresholds():
@@ -69,7 +69,7 @@ def test_too_few_runs_have_no_interval_but_their_values():
     four, five, many = interquartile_means([[1.0, 2.0, 3.0, 6.0], [1.0, 2.0, 3.0, 4.0, 5.0], np.ones((4, 2))])
     assert four == Estimate(2.5, points=(1.0, 2.0, 3.0, 6.0))
     assert four.text(1) == "2.5 (1.0, 2.0, 3.0, 6.0)"
-    assert five.text(1) == f"3.0 ({five.low:.1f} to {five.high:.1f})"
+    assert five.text(1) == f"3.0 ({five.bounds[0]:.1f} to {five.bounds[1]:.1f})"
     assert many.text(2) == "1.00"
 
 

@@ -12,7 +12,8 @@ from mpge_bench.leaderboard.tables import LETTERS, sheets
 @pytest.fixture
 def store(write_result):
     def write(folder, method, seed, normalized, *, task="t", **more):
-        write_result(folder / task / method / str(more.get("samples", "")) / f"seed{seed}" / "result.json", normalized, task=task, method=method, seed=seed, **more)
+        path = folder / task / method / str(more.get("samples", "")) / f"seed{seed}" / "result.json"
+        write_result(path, normalized, task=task, method=method, seed=seed, **more)
 
     return write
 
@@ -86,7 +87,7 @@ def test_what_only_some_methods_do_has_a_table_of_its_own(tmp_path, store):
     store(tmp_path, "learns", 0, 0.2, learning={"25": None, "50": 3.0, "75": 4.0, "100": 5.0})
     found = collect(tmp_path)
     (grounded,) = sheet(found, "groundings")
-    assert (grounded["method"], grounded["transition error (source)"], grounded["simulator steps"], grounded["s"]) == ("grounds", "0.500 (2.000)", "4,000", "30")
+    assert [grounded[name] for name in ("method", "transition error (source)", "simulator steps", "s")] == ["grounds", "0.500 (2.000)", "4,000", "30"]
     (learnt,) = sheet(found, "within the first ...")
     assert [learnt[f"{share}% of the samples"] for share in (25, 50, 75, 100)] == ["–", "3", "4", "5"]
 
