@@ -162,5 +162,5 @@ class Randomization(Method):
         begun = time.monotonic()
         randomized = copy.copy(problem)
         randomized.source = functools.partial(RandomizedEnv, problem.robot, settings.ranges, settings.world_steps)
-        policy, steps = train_transfer(randomized, Identity(), settings.agent, seed, progress, log_dir)
+        policy, steps = train_transfer(randomized, Identity(), settings.agent, seed, progress, log_dir, jobs, "agent in randomised worlds")
         return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun})

@@ -100,7 +100,7 @@ def test_tasks_and_methods_are_listed(in_process):
     assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split(), *method.access))
 
 
-def test_methods_are_plain_data_for_programs():
+def test_methods_are_plain_data_for_programs(refused):
     code, out, _ = call("methods", "--json")
     assert code == 0
     found = {one["name"]: one for one in json.loads(out)}

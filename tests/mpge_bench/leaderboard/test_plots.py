@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
-
 from mpge_bench.figures import draw
+
 from mpge_bench.leaderboard import collect, interquartile_mean, interval
 
 
