@@ -4,10 +4,10 @@ What is Gymnasium's: model file (masses, inertias, damping, armature, frictions,
 ours, so that source and target are one task: order, signs and units of q, dq, actions and observations (which agree but for the zero of the
 half-cheetah's height and MuJoCo's order of a quaternion), initial states, reward and the end of an episode. Gymnasium's own terms of the reward give the
 same but for this: on the step that ends an episode, Gymnasium's hopper, walker and ant are not paid for staying up, ours are; Gymnasium's ant pays for
-contact forces, which ours does not observe.
+contact forces, which ours does not observe, and its speed is that of a physics step (10 ms) before.
 
 The robots differ by more than the simulator. MuJoCo takes the volumes of capsules as they are, where the published masses that our sources have came from
-an older formula: its hopper and walker weigh some 4% more. Gymnasium's walker has the same friction on both feet, since its version 5. What our sources
+an older formula: its hopper and walker weigh 4% more. Gymnasium's walker has the same friction on both feet, since its version 5. What our sources
 lack of MuJoCo's armature stands in each robot's docstring.
 """
 
@@ -30,6 +30,8 @@ from mpge_bench.envs.world import BASE_DQ, BASE_Q
 
 #: MuJoCo's x, y, z, then w, x, y, z as ours: x, y, z, then x, y, z, w; and back.
 _OURS, _THEIRS = [0, 1, 2, 4, 5, 6, 3], [0, 1, 2, 6, 3, 4, 5]
+#: What Gymnasium's MuJoCo environments import.
+_PACKAGES = ("mujoco", "imageio")
 
 
 class MujocoWorld:
@@ -134,7 +136,7 @@ class Mujoco:
         return f"MuJoCo, Gymnasium's {self.id}"
 
     def lacks(self) -> str:
-        missing = importlib.util.find_spec("mujoco") is None
+        missing = any(importlib.util.find_spec(package) is None for package in _PACKAGES)
         return "MuJoCo is not installed; get it by: pip install 'mpge_bench[mujoco]'" if missing else ""
 
     def world(self, joints: Sequence[str]) -> MujocoWorld:
