@@ -15,10 +15,11 @@ import torch
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from torch import nn
 
-from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.grounding.discriminator import Inputs
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array, tensors
+from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
@@ -186,6 +187,8 @@ class DARCSettings(RolloutSettings):
 class DARC(Method):
     """Learns in the source with the reward r + Δr, where Δr says how much likelier a transition is in the target than in the source (Algorithm 1).
 
+    One candidate learns, and its last policy counts: the correction changes while it learns, so that earlier returns do not compare with later ones.
+
     What departs from the paper: the budget of target transitions is spent at once, by the rollout policies, where Algorithm 1 (line 5) goes on collecting
     with the policy as it learns; so Δr is learnt where they went, and what the agent does elsewhere is extrapolated. The agent is that of all our methods
     (PPO from the source policy on), not SAC, so the classifiers see its latest transitions and not a replay buffer of all. They are updated in rounds, once
@@ -200,13 +203,14 @@ class DARC(Method):
     def train(self, problem: Problem, settings: DARCSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         target = problem.demonstrations(problem.rollouts.widened(settings.rollout_std))
-        start = tensors(problem.rollouts.weights[0])
-        if not settings.agent.steps:
-            return Result(start)
-        progress.stage("agent with corrected rewards", settings.agent.steps)
-        with closing(Worlds(problem.source, settings.agent.worlds, seed)) as worlds:
+        start, agent = problem.sources.weights[0], settings.agent
+        if not agent.steps:
+            return Result(tensors(start))
+        progress.stage("agent with corrected rewards", agent.steps)
+        with closing(Worlds(problem.source, agent.worlds, seed)) as worlds:
             corrected = CorrectedWorlds(worlds, Classifiers(target, settings.classifiers, seed), settings.scale, settings.warm_up)
-            policy = train_agent(corrected, settings.agent, seed, start=start, progress=progress.advance, log_dir=log_dir / "agent")
+            learner = PPO(corrected, agent, seed, start=start, log_dir=log_dir / "agent")
+            learner.learn(agent.steps, agent.steps, progress.advance)
         return Result(
-            policy.state_dict(), steps={"agent": worlds.steps}, seconds={"agent": time.monotonic() - begun}, report={"classifiers": corrected.log}
+            tensors(learner.state()), steps={"agent": worlds.steps}, seconds={"agent": time.monotonic() - begun}, report={"classifiers": corrected.log}
         )

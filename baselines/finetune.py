@@ -14,11 +14,12 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import GaussianPolicy, tensors
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.torch_agent import train_agent
 from mpge_bench.envs.errors import UserError
 
 
@@ -110,5 +111,5 @@ class FineTune(Method):
 
     def train(self, problem: Problem, settings: FineTuneSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
-        policy, episodes = learn_in_target(problem, settings.agent, seed, progress, log_dir, start=tensors(problem.rollouts.weights[0]))
+        policy, episodes = learn_in_target(problem, settings.agent, seed, progress, log_dir, start=tensors(problem.sources.weights[0]))
         return Result(policy.state_dict(), seconds={"agent": time.monotonic() - begun}, episodes=episodes)

@@ -108,10 +108,11 @@ def sweep(
 
     It can be stopped at any time and called again: what is there is not run again. A run that fails is named at the end; the others go on.
     """
-    from mpge_bench import leaderboard as board
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness.run import RunSettings, remove_remains
+    from mpge_bench.leaderboard.results import collect
+    from mpge_bench.leaderboard.tables import sheets
     from mpge_bench.policies import home
 
     overrides = _overrides(changes, rollouts, divergence)
@@ -137,8 +138,8 @@ def sweep(
         for settings in plan:
             remove_remains(settings, out)
         raise
-    results = board.collect(out)
-    for sheet in board.sheets(results) if len(results) else ():
+    results = collect(out)
+    for sheet in sheets(results) if len(results) else ():
         _wide().print(sheet.table())
     if failed:
         raise UserError(f"{len(failed)} of {len(plan)} runs failed, first {failed[0]}")
@@ -362,26 +363,43 @@ def render(
 
 @app.command()
 def leaderboard(
-    results: Annotated[Path, typer.Argument(help="Folder with result.json files, at any depth.")] = Path("leaderboard/results"),
-    markdown: Annotated[bool, typer.Option(help="Print Markdown.")] = False,
-    plots: Annotated[Path | None, typer.Option(help="Folder for the same as pictures: returns.png and curves.png.")] = None,
+    results: Annotated[Path | None, typer.Argument(help="Folder with result.json files, at any depth; leaderboard/results if not given.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
+    plots: Annotated[Path | None, typer.Option(help="Folder for the same as pictures.")] = None,
+    update: Annotated[bool, typer.Option("--update", help="Write the project's own page, leaderboard/README.md, and its plots anew; in a checkout.")] = False,
 ) -> None:
-    """Print the tables of results, interquartile means over seeds with 95% bootstrap intervals: returns, groundings, learning in the target.
+    """Print the tables of results: pairs, methods compared over pairs, returns with all references, groundings, learning in the target.
 
+    Examples: python -m mpge_bench leaderboard runs --plots pictures
+
+    python -m mpge_bench leaderboard --update
+
+    Figures are rliable's: interquartile means over runs (and pairs) with 95% stratified bootstrap intervals; with fewer than five runs the runs' own values
+    stand in their place. Pairs on which settings were chosen and pairs on which nobody tuned are kept apart.
     Rows marked (oracle) show the best of a method's sweep by its return in the target, which a method may not know.
+    Results of one pair that were made with different physics are refused; the runs that have to be made again are named.
     """
-    from mpge_bench import leaderboard as board
+    from mpge_bench.leaderboard import page
+    from mpge_bench.leaderboard.results import collect
+    from mpge_bench.leaderboard.tables import sheets
 
-    found = board.collect(results)
+    if update:
+        if results or plots or markdown:
+            raise UserError("--update writes the page of leaderboard/results; give it alone, or leave it out to see other results")
+        for path in page.update():
+            _out.print(f"{path}: written", markup=False, soft_wrap=True)
+        return
+    folder = results or Path("leaderboard/results")
+    found = collect(folder)
     if not len(found):
-        raise UserError(f"{results}: no result.json below it; `python -m mpge_bench run --out {results}` makes one")
-    for sheet in board.sheets(found):
+        raise UserError(f"{folder}: no result.json below it; `python -m mpge_bench run --out {folder}` makes one")
+    for sheet in sheets(found):
         if markdown:
             print(sheet.markdown())
         else:
             _wide().print(sheet.table())
     if plots:
-        from mpge_bench.figures import draw
+        from mpge_bench.leaderboard.plots import draw
 
         try:
             written = draw(found, plots)

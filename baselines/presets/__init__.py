@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import yaml
 
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.severity import base_name
 
 FOLDER = Path(__file__).parent
 #: What every method is run under; its file may have further ones of its own.
@@ -89,7 +90,7 @@ def presets_of(name: str | Path | None) -> list[str]:
 def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[str, Any]:
     """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
-    A file may say ``inherits: other`` and then holds only what differs from the other's. It may have presets of its own beside `PRESETS`.
+    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's. It may have presets of its own beside `PRESETS`.
 
     Args:
         name: None for a method without a file, whose settings' defaults hold.
@@ -104,7 +105,7 @@ def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[st
     with _readable(name):
         for data in _files(name):
             for section in ("all", preset):
-                for key in ("default", task):
+                for key in dict.fromkeys(("default", base_name(task), task)):
                     base = _merge(base, data.get(section, {}).get(key) or {})
     return base
 

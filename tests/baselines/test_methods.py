@@ -1,4 +1,4 @@
-"""Every method on every pair with the smoke preset, and what sets the methods apart."""
+"""Every method on a pair of each kind and every pair with one method, with the smoke preset, and what sets the methods apart."""
 
 from __future__ import annotations
 
@@ -16,6 +16,11 @@ from mpge_bench.envs import TASKS, get_task
 
 #: What learns an action transformation.
 GROUNDING = {"gat", "garat", "mpg", "mpge", "inversion"}
+#: One pair for each way a robot's state is laid out: a fixed base, a base in a plane on the ground, and a floating one, whose orientation is a quaternion.
+KINDS = ("biased_pendulum", "broken_hopper", "lame_ant")
+#: A method meets a pair only through its task's two doors, source and samples: one that goes through both shows that a pair has them.
+EVERYWHERE = "mpg"
+RUNS = [(task, method) for task in TASKS for method in methods() if task in KINDS or method == EVERYWHERE]
 
 
 def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1):
@@ -28,8 +33,7 @@ def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1):
     return problem, method.train(problem, settings, seed, progress=Silent(), log_dir=tmp_path, jobs=jobs)
 
 
-@pytest.mark.parametrize("method", methods())
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(("task", "method"), RUNS)
 def test_runs(task, method, make_policy, tmp_path):
     problem, result = _train(task, method, make_policy, tmp_path)
     robot = get_task(task).robot

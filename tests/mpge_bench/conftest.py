@@ -23,15 +23,22 @@ def policy_folder(tmp_path, make_policy):
 
 @pytest.fixture
 def write_result():
-    """write_result(path, method=..., ...) writes a result with the least there is in one, these entries changed, and makes its folder."""
+    """write_result(path, 0.5, method=..., ...) writes a result with the least there is in one, these entries changed, and makes its folder.
 
-    def write(path, normalized, **entries):
-        means = {"policy": 10 * (normalized or 0.0), "direct": 0.0, "target_optimal": 10.0}
+    Of a pair what is given: `track`, `development`. `error` and `floor` are those of the action transformation.
+    """
+
+    def write(path, normalized, *, track="headline", development=False, error=None, floor=0.0, grounded=None, **entries):
+        means = {"policy": 10 * (normalized or 0.0), "direct": 0.0, "optimal": 10.0}
         result = {
-            **{"schema": "mpge_bench/run/1", "task": "t", "address": "t", "pair": {}, "method": "m", "samples": 10, "preset": "smoke", "variant": "smoke"},
-            **{"seed": 0, "overrides": [], "noise": 0.0, "settings": {}, "oracle": None, "learning": None},
-            **{"returns": {**{name: {"mean": mean} for name, mean in means.items()}, "grounded": None}, "normalized_return": normalized},
-            **{name: {"value": None, "source": 1.0} for name in ("action_transformation_error", "transition_error")},
+            **{"schema": "mpge_bench/run/2", "task": "t", "address": "t.yaml", "pair": {"track": track, "development": development}},
+            **{"method": "m", "samples": 10, "preset": "smoke", "variant": "smoke", "seed": 0, "overrides": [], "noise": 0.0, "settings": {}},
+            **{"oracle": None, "learning": None, "access": ["transitions"], "fingerprints": {"robot": "aa", "pair": "bb"}, "grounding": None},
+            "returns": {name: {"mean": mean} for name, mean in means.items()} | {"grounded": None if grounded is None else {"mean": grounded}},
+            "normalized_return": normalized,
+            "on_policy_mismatch": {"source": 8.0, "target": 0.0, "lost": 1.0},
+            "action_transformation_error": {"value": error, "source": 1.0, "floor": floor},
+            "transition_error": {"value": None, "source": 1.0},
             **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "total": 120.0}},
         }
         path.parent.mkdir(parents=True)

@@ -1,0 +1,79 @@
+"""The page of results, with the plots beside it, and what `perfect` came to: written by `leaderboard --update`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from mpge_bench.envs.errors import UserError
+from mpge_bench.harness.perfect import STORE, perfect_text
+from mpge_bench.leaderboard.plots import draw, pictures
+from mpge_bench.leaderboard.results import ORACLE, collect, perfect, sections
+from mpge_bench.leaderboard.tables import section_sheets
+
+_HEAD = """# Results
+
+Written by `python -m mpge_bench leaderboard --update` from the results below `leaderboard/results`; do not edit. What is measured, and under which rules, says
+[docs/benchmark.md](../docs/benchmark.md). Figures are interquartile means over runs, in brackets 95% bootstrap intervals, or with fewer than five runs their
+values.
+"""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where results are read from and what is made of them goes."""
+
+    results: Path
+    page: Path
+    plots: Path
+    store: Path
+
+
+_BOARD = Path(__file__).parents[2] / "leaderboard"
+#: Those of the checkout that this file lies in.
+OWN = Places(_BOARD / "results", _BOARD / "README.md", _BOARD / "plots", STORE)
+
+
+def update(places: Places = OWN) -> list[Path]:
+    """Write page, plots and store anew from the results, plots that are no longer made removed; return what was written.
+
+    Raises:
+        UserError: if this is no checkout, if results cannot be read or do not compare, or if something cannot be written to.
+    """
+    if not places.page.parent.is_dir():
+        raise UserError(f"{places.page.parent} is not there: --update works in a checkout of the project; for results of your own use --markdown and --plots")
+    found = collect(places.results)
+    try:
+        written = draw(found, places.plots) if len(found) else []
+        for path in set(places.plots.glob("*.png")) - set(written):
+            path.unlink()
+        for path, text in texts(found, places).items():
+            partial = path.with_name(f".{path.name}.partial")
+            partial.write_text(text)
+            written.append(partial.replace(path))
+    except OSError as error:
+        raise UserError(f"{error.filename}: cannot be written to ({error.strerror})") from error
+    return written
+
+
+def texts(found: pd.DataFrame, places: Places = OWN) -> dict[Path, str]:
+    """What `update` writes, but for the plots, by where it goes."""
+    kept = {task: one for (task, preset), one in perfect(found).items() if preset == "standard"} if len(found) else {}
+    return {places.page: "\n".join(_page(found, places)), places.store: perfect_text(kept)}
+
+
+def _page(found: pd.DataFrame, places: Places) -> Iterator[str]:
+    yield _HEAD
+    if not len(found):
+        yield "There are no results yet.\n"
+        return
+    runs = found[~found["method"].str.endswith(ORACLE)]
+    yield f"{len(runs)} runs on {found['task'].nunique()} pairs.\n"
+    for section in sections(found):
+        yield f"## {section.title}\n"
+        folder = places.plots.relative_to(places.page.parent).as_posix()
+        yield from (f"{one.caption}\n\n![{one.caption}]({folder}/{one.name})\n" for one in pictures(section))
+        yield from (sheet.markdown() for sheet in section_sheets(section))

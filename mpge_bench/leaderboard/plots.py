@@ -1,0 +1,282 @@
+"""The leaderboard to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
+
+from mpge_bench.leaderboard.estimates import Estimate, interquartile_mean, interquartile_means, profiles
+from mpge_bench.leaderboard.results import ORACLE, Comparison, Section, comparisons, perfect, sections
+from mpge_bench.leaderboard.tables import LARGEST_FLOOR
+
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
+#: With the second and third round of colours.
+_MARKERS, _DASHES = "osD^", ("-", "--", ":", "-.")
+#: Not competitors: the same look in every plot.
+_REFERENCES = {"direct": "0.6", "perfect": "0.35", "target_optimal": "0.0"}
+#: Smaller errors (inversion's 1e-13 on a pendulum) are drawn at this one, marked and written out, or the rest could not be told apart.
+_LEAST_ERROR = 1e-3
+_Styles = dict[str, dict[str, Any]]
+#: Panels side by side, as wide as a page shows them without making them small.
+_COLUMNS = 3
+#: Thresholds of a performance profile.
+_THRESHOLDS = np.linspace(-0.1, 1.1, 121)
+_NORMALISED = "normalised return (0: source policies, 1: J*)"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A plot that can be made.
+
+    Attributes:
+        name: of its PNG file.
+        caption: what it shows.
+        make: draws it.
+    """
+
+    name: str
+    caption: str
+    make: Callable[[], Figure]
+
+
+def pictures(section: Section) -> list[Picture]:
+    """The plots that there are results for, in order."""
+    labels = [_label(*one) for one in zip(section.results["method"], section.results["variant"], strict=True)]
+    reached = perfect(section.results)
+    references = [reached[key].mean if key in reached else np.nan for key in zip(section.results["task"], section.results["preset"], strict=True)]
+    found = section.results.assign(label=labels, perfect=references)
+    styles = _styles(sorted(set(labels)))
+    own = found[~found["method"].str.endswith(ORACLE)]
+    curves = own[own["folder"].map(lambda one: (Path(one) / "curve.parquet").exists()).astype(bool)]
+    compared = comparisons(section.results)
+    known: list[tuple[str, str, Any, Callable[[Any, _Styles], Figure]]] = [
+        ("returns", "Normalised return of every method: runs, interquartile means, 95% intervals from five runs on.", found, _returns),
+        ("samples", "Normalised return against target samples; methods that need none are drawn across.", _with_budgets(found), _samples),
+        ("profile", "Performance profiles: the share of runs, over all pairs, above a normalised return.", compared, _profiles),
+        ("improvement", "Probability of improvement, over all pairs.", compared, _improvements),
+        ("grounded", "Each run's return in its grounding and in the target.", own[own["grounded"].notna()], _grounded),
+        ("curves", "Action-transformation error while a grounding is learnt.", curves, _curves),
+    ]
+    return [Picture(f"{name}-{section.slug}.png", caption, partial(make, data, styles)) for name, caption, data, make in known if len(data)]
+
+
+def draw(results: pd.DataFrame, folder: Path) -> list[Path]:
+    """Draw what `collect` found, as PNG files in `folder`, which is made at need; return those written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for picture in [one for section in sections(results) for one in pictures(section)]:
+        half_made = folder / f".{picture.name}.partial"
+        picture.make().savefig(half_made, dpi=90, format="png")
+        written.append(half_made.replace(folder / picture.name))
+    return written
+
+
+def _label(method: str, variant: str) -> str:
+    return method if variant == "standard" else f"{method}, {variant}"
+
+
+def _styles(labels: Sequence[str]) -> _Styles:
+    """Colour, marker and dashes by label, references apart from the rest."""
+    others = [label for label in labels if label not in _REFERENCES]
+    rounds = [(index % len(_COLOURS), index // len(_COLOURS) % len(_MARKERS)) for index in range(len(others))]
+    looks = [{"color": _COLOURS[place], "marker": _MARKERS[turn], "linestyle": _DASHES[turn]} for place, turn in rounds]
+    return dict(zip(others, looks, strict=True)) | {label: {"color": colour, "marker": "x", "linestyle": "--"} for label, colour in _REFERENCES.items()}
+
+
+def _panels(names: Sequence[str], size: tuple[float, float], *, sharex: bool = False, sharey: bool = False) -> tuple[Figure, dict[str, Axes]]:
+    """A figure with a panel a name, at most `_COLUMNS` side by side, each of `size` inches."""
+    columns = min(len(names), _COLUMNS)
+    rows = -(-len(names) // columns)
+    figure = Figure(figsize=(size[0] * max(columns, 2), size[1] * rows + 0.6), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).flat
+    found = dict(zip(names, panels, strict=False))
+    for spare in list(panels)[len(names) :]:
+        spare.set_axis_off()
+    for name, axes in found.items():
+        axes.set_title(name, loc="left")
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure, found
+
+
+def _legend(figure: Figure, order: Sequence[str] = ()) -> None:
+    """One legend for all panels, below them."""
+    entries = {label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    labels = [label for label in order if label in entries] or list(entries)
+    figure.legend([entries[label] for label in labels], labels, loc="outside lower center", ncols=min(len(labels), 5), frameon=False, fontsize="small")
+
+
+def _tasks(found: pd.DataFrame) -> list[str]:
+    return sorted(map(str, found["task"].unique()))
+
+
+def _returns(found: pd.DataFrame, styles: _Styles) -> Figure:
+    """Dots are runs, the larger marks interquartile means with their intervals; colours are sample sizes."""
+    values = found.dropna(subset="normalized_return")
+    # Mean over tasks, so that each counts alike.
+    labels = values.groupby(["label", "task"])["normalized_return"].median().groupby("label").mean().sort_values().index.tolist()
+    labels = [*sorted(set(found["label"]) - set(labels)), *labels]
+    sizes_of = {label: sorted(group.unique()) for label, group in found.groupby("label")["samples"]}
+    samples = sorted(found["samples"].unique())
+    colours = dict(zip([size for size in samples if size], _COLOURS * len(samples), strict=False)) | {0: "0.4"}
+    figure, panels = _panels(_tasks(found), (4.2, 0.9 + 0.24 * sum(map(len, sizes_of.values()))), sharey=True)
+    for task, axes in panels.items():
+        for x in (0, 1):
+            axes.axvline(x, color="0.75", linewidth=1, zorder=0)
+        groups = [group for _, group in values[values["task"] == task].groupby(["label", "samples"])]
+        runs = [group["normalized_return"].to_numpy(float) for group in groups]
+        for group, normalized, middle in zip(groups, runs, interquartile_means(runs), strict=True):
+            label, size = group["label"].iloc[0], group["samples"].iloc[0]
+            sizes = sizes_of[label]
+            y = labels.index(label) + 0.6 * ((sizes.index(size) + 0.5) / len(sizes) - 0.5)
+            axes.scatter(normalized, np.full(len(normalized), y), s=12, color=colours[size], alpha=0.35, linewidths=0)
+            if middle.bounds:
+                axes.plot(middle.bounds, (y, y), color=colours[size], linewidth=1.5)
+            axes.plot(middle.value, y, "o", color=colours[size], markersize=5)
+        axes.set_yticks(range(len(labels)), labels)
+    for size in samples:
+        next(iter(panels.values())).plot([], [], "o", color=colours[size], markersize=5, label=f"{size:,} target samples" if size else "no target samples")
+    figure.supxlabel(_NORMALISED, fontsize="medium")
+    _legend(figure)
+    return figure
+
+
+def _with_budgets(found: pd.DataFrame) -> pd.DataFrame:
+    """The results of pairs on which there are two budgets at least."""
+    budgets = found[found["samples"] > 0].groupby("task")["samples"].nunique()
+    return found[found["task"].isin(budgets[budgets > 1].index) & found["normalized_return"].notna()]
+
+
+def _samples(found: pd.DataFrame, styles: _Styles) -> Figure:
+    """Return against target samples (MPGE, figure 4), budgets side by side at equal distances."""
+    sizes = sorted(set(found["samples"]) - {0})
+    figure, panels = _panels(_tasks(found), (4.2, 3.4), sharey=True)
+    for task, axes in panels.items():
+        here = found[found["task"] == task]
+        for label, group in ((str(label), group) for label, group in here.groupby("label")):
+            runs = {size: group.loc[group["samples"] == size, "normalized_return"].to_numpy(float) for size in sorted(group["samples"].unique())}
+            middles = dict(zip(runs, interquartile_means(list(runs.values())), strict=True))
+            if set(middles) == {0}:  # holds for every budget
+                axes.axhline(middles[0].value, linewidth=1.2, color=styles[label]["color"], linestyle=styles[label]["linestyle"], label=label, alpha=0.8)
+            else:
+                _line_with_bars(axes, {sizes.index(size): one for size, one in middles.items() if size}, label, styles[label])
+        axes.set_xticks(range(len(sizes)), [EngFormatter(sep="")(size) for size in sizes])
+        axes.margins(x=0.1)
+    figure.supxlabel("target samples", fontsize="medium")
+    figure.supylabel(_NORMALISED, fontsize="medium")
+    _legend(figure, list(styles))
+    return figure
+
+
+def _line_with_bars(axes: Axes, points: dict[int, Estimate], label: str, style: dict[str, Any]) -> None:
+    axes.plot(list(points), [one.value for one in points.values()], linewidth=1.5, markersize=5, label=label, **style)
+    for x, one in points.items():
+        if one.bounds:
+            axes.plot((x, x), one.bounds, color=style["color"], linewidth=1, alpha=0.6)
+
+
+def _profiles(compared: list[Comparison], styles: _Styles) -> Figure:
+    figure, panels = _panels([_compared(one) for one in compared], (4.6, 3.4), sharey=True)
+    for one, axes in zip(compared, panels.values(), strict=True):
+        for method, (share, bounds) in profiles(one.scores, _THRESHOLDS).items():
+            style = styles[_label(method, one.preset)]
+            axes.plot(_THRESHOLDS, share, color=style["color"], linestyle=style["linestyle"], linewidth=1.5, label=_label(method, one.preset))
+            if bounds is not None:
+                axes.fill_between(_THRESHOLDS, *bounds, color=style["color"], alpha=0.08, linewidth=0)
+    figure.supxlabel(f"τ: {_NORMALISED}", fontsize="medium")
+    figure.supylabel("share of runs above τ", fontsize="medium")
+    _legend(figure, list(styles))
+    return figure
+
+
+def _compared(one: Comparison) -> str:
+    return f"{one.budget}, {len(one.pairs)} pairs" + ("" if one.preset == "standard" else f", {one.preset}")
+
+
+def _improvements(compared: list[Comparison], styles: _Styles) -> Figure:
+    figure, panels = _panels([_compared(one) for one in compared], (4.6, 0.8 + 0.3 * max(len(one.scores) for one in compared)))
+    kinds = {False: ("over the next", "o", _COLOURS[0], 0.12), True: ("over direct", "s", _COLOURS[1], -0.12)}
+    for one, axes in zip(compared, panels.values(), strict=True):
+        names = list(one.scores)[::-1]  # the best at the top
+        axes.axvline(0.5, color="0.75", linewidth=1, zorder=0)
+        for (method, other), chance in one.improvements().items():
+            label, marker, colour, aside = kinds[other == "direct"]
+            y = names.index(method) + aside
+            axes.plot(chance.value, y, marker, color=colour, markersize=5, label=label)
+            if chance.bounds:
+                axes.plot(chance.bounds, (y, y), color=colour, linewidth=1.5)
+        axes.set_yticks(range(len(names)), names)
+        axes.set_xlim(-0.04, 1.04)
+    figure.supxlabel("probability that a run scores more", fontsize="medium")
+    _legend(figure)
+    return figure
+
+
+def _grounded(found: pd.DataFrame, styles: _Styles) -> Figure:
+    """Return in the grounding against return in the target (MPGE, figure 3), a point a run; on the diagonal the grounding keeps what it promises."""
+    figure, panels = _panels(_tasks(found), (4.2, 3.6))
+    for task, axes in panels.items():
+        here = found[found["task"] == task]
+        ends = here[["grounded", "return", "direct", "optimal"]].to_numpy(float)
+        axes.plot((ends.min(), ends.max()), (ends.min(), ends.max()), color="0.75", linewidth=1, zorder=0)
+        for name, reference in (("J*", "optimal"), ("perfect", "perfect"), ("direct", "direct")):
+            for level in here[reference].dropna().unique():
+                axes.axhline(level, color="0.6", linestyle="--", linewidth=1, zorder=0)
+                axes.annotate(name, (1, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small", color="0.4")
+        for label, group in here.groupby("label"):
+            style = styles[str(label)]
+            axes.plot(group["grounded"], group["return"], style["marker"], color=style["color"], markersize=5, alpha=0.7, label=label, linestyle="none")
+    figure.supxlabel("return in the grounded source", fontsize="medium")
+    figure.supylabel("return in the target", fontsize="medium")
+    _legend(figure, list(styles))
+    return figure
+
+
+def _curves(found: pd.DataFrame, styles: _Styles) -> Figure:
+    """Lines are means over seeds, bands reach from the least to the largest; a method that grounds at once is a mark."""
+    groups = {f"{task}, {size:,} target samples": group for (task, size), group in found.groupby(["task", "samples"])}
+    figure, panels = _panels(list(groups), (4.2, 3.2), sharex=True)
+    for here, axes in zip(groups.values(), panels.values(), strict=True):
+        for label, group in ((str(label), group) for label, group in here.groupby("label")):
+            curves = [pd.read_parquet(Path(folder) / "curve.parquet").set_index("steps")["action_transformation_error"] for folder in group["folder"]]
+            _curve(axes, curves, label, styles[label]["color"], styles[label]["linestyle"])
+        source, floor = (interquartile_mean(here[f"action_error_{kind}"].to_numpy(float)) for kind in ("source", "floor"))
+        axes.axhline(source, color="0.6", linestyle="--", linewidth=1, zorder=0)
+        axes.annotate("ungrounded source", (0.99, source), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small", color="0.4")
+        axes.set(xscale="log", yscale="log")
+        axes.set_ylim(bottom=0.7 * _LEAST_ERROR)
+        if floor / LARGEST_FLOOR > _LEAST_ERROR:
+            axes.axhspan(0.7 * _LEAST_ERROR, floor / LARGEST_FLOOR, color="0.93", zorder=-1)
+            axes.annotate(
+                f"floor above {LARGEST_FLOOR:.0%}", (0.01, floor / LARGEST_FLOOR), xycoords=("axes fraction", "data"), va="top", fontsize="small", color="0.5"
+            )
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axes.xaxis.set_minor_locator(NullLocator())
+    figure.supxlabel("simulator steps of a grounding", fontsize="medium")
+    figure.supylabel("action-transformation error", fontsize="medium")
+    _legend(figure, list(styles))
+    return figure
+
+
+def _curve(axes: Axes, curves: list[pd.Series[float]], label: str, colour: str, dashes: str) -> None:
+    if max(map(len, curves)) > 1:
+        table = pd.concat(curves, axis=1).dropna()  # checkpoints that all seeds have
+        axes.plot(table.index, table.mean(axis=1), color=colour, linestyle=dashes, linewidth=1.6, label=label)
+        axes.fill_between(table.index, table.min(axis=1), table.max(axis=1), color=colour, alpha=0.15, linewidth=0)
+        return
+    steps, errors = (np.array([getattr(curve, name)[0] for curve in curves], float) for name in ("index", "array"))
+    shown: npt.NDArray[np.float64] = np.maximum(errors, _LEAST_ERROR)
+    axes.plot(steps.mean(), shown.mean(), "o" if shown.mean() > _LEAST_ERROR else "v", color=colour, markersize=6, label=label)
+    axes.plot([steps.mean()] * 2, [shown.min(), shown.max()], color=colour, linewidth=1.6)
+    if shown.mean() <= _LEAST_ERROR:
+        axes.annotate(f"{errors.mean():.0e}", (steps.mean(), _LEAST_ERROR), xytext=(7, -3), textcoords="offset points", fontsize="small", color=colour)

@@ -1,0 +1,201 @@
+"""Results as a table of runs, sections of it, and which runs can be compared."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mpge_bench.envs import get_task
+from mpge_bench.envs.errors import UserError
+from mpge_bench.harness.perfect import Perfect
+from mpge_bench.harness.result import OldResultError, read_result
+from mpge_bench.leaderboard.estimates import Estimate, Scores, improvements, interquartile_mean
+
+#: Percentages of the target budget at which MULTIPOLAR reports.
+SHARES = ("25", "50", "75", "100")
+#: Behind the name of a method whose settings were chosen by their return in the target.
+ORACLE = " (oracle)"
+#: An aggregate over fewer pairs says nothing that the pair's own rows do not.
+FEWEST_PAIRS = 2
+#: Parts of the tables in their order, by `Task.track`, and what stands above them.
+_SECTIONS = {
+    "development": "Development pairs, on which settings were chosen",
+    "headline": "Test pairs, headline track",
+    "control": "Test pairs, negative control: the mismatch hardly matters",
+    "physics": "Test pairs, physics track: actions can remove less than half of the mismatch",
+    "": "Further pairs",
+}
+
+
+def collect(folder: Path) -> pd.DataFrame:
+    """One row a result found anywhere under `folder`, with where it lies; another for the oracle's choice where there is one.
+
+    Raises:
+        UserError: if results are of an earlier protocol, or results of one pair were made with different physics.
+    """
+    rows: list[dict[str, Any]] = []
+    old: list[Path] = []
+    for path in sorted(folder.rglob("result.json")):
+        try:
+            result = read_result(path)
+        except OldResultError:
+            old.append(path)
+            continue
+        rows.append(_row(result) | {"folder": str(path.parent)})
+        if result["oracle"]:
+            oracle = {"method": result["method"] + ORACLE, "return": result["oracle"]["returns"]["mean"], "access": _access(result, "returns")}
+            rows.append(rows[-1] | oracle | {"normalized_return": _number(result["oracle"]["normalized_return"])})
+    if old:
+        raise UserError(
+            f"{folder}: {len(old)} results are of an earlier protocol, with other references, and compare with nothing, the first {old[0]}; remove them and"
+            " run again"
+        )
+    found = pd.DataFrame(rows)
+    if len(found):
+        _check_physics(found)
+    return found
+
+
+def _row(result: dict[str, Any]) -> dict[str, Any]:
+    found, learnt, pair = result["returns"], result["learning"] or {}, result["pair"]
+    action, transition, mismatch = result["action_transformation_error"], result["transition_error"], result["on_policy_mismatch"]
+    return {
+        **{key: result[key] for key in ("task", "address", "method", "samples", "preset", "variant", "seed")},
+        "section": "development" if pair["development"] else pair["track"],
+        "access": _access(result),
+        **{name: found[key]["mean"] for name, key in (("return", "policy"), ("direct", "direct"), ("optimal", "optimal"))},
+        "grounded": found["grounded"]["mean"] if found["grounded"] else np.nan,
+        "normalized_return": _number(result["normalized_return"]),
+        **{f"action_error{name}": _number(action[key]) for name, key in (("", "value"), ("_source", "source"), ("_floor", "floor"))},
+        **{f"transition_error{name}": _number(transition[key]) for name, key in (("", "value"), ("_source", "source"))},
+        "source_return": mismatch["source"],
+        "lost": mismatch["lost"],
+        "grounding_steps": result["simulator_steps"]["grounding"],
+        "grounding_seconds": result["wall_clock_s"]["grounding"],
+        "minutes": result["wall_clock_s"]["total"] / 60,
+        **{f"episode_{share}": _number(learnt.get(share)) for share in SHARES},
+        "physics": tuple(sorted(result["fingerprints"].items())),
+    }
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
+
+
+def _access(result: Mapping[str, Any], *more: str) -> tuple[str, ...]:
+    return tuple(sorted({*result["access"], *more}))
+
+
+def todays_physics(address: str) -> dict[str, str] | None:
+    """The fingerprints of the pair at `address` as it moves today; None if it is a user's own that cannot be had here."""
+    try:
+        return dict(get_task(address).fingerprints())  # type: ignore[attr-defined]  # until Task has it
+    except UserError:
+        return None
+
+
+def _check_physics(found: pd.DataFrame) -> None:
+    """Raise a UserError where results of one pair were made with different physics, and name those that have to be made again."""
+    for (task, address), group in found.groupby(["task", "address"]):
+        if group["physics"].nunique() == 1:
+            continue
+        today = todays_physics(str(address))
+        if today is None:
+            each = "; ".join(_runs(runs) for _, runs in group.groupby("physics", sort=False))
+            raise UserError(f"results of {task} differ in their physics and do not compare: {each}; remove those of the older physics and run again")
+        stale = group[group["physics"] != tuple(sorted(today.items()))]
+        raise UserError(f"results of {task} differ in their physics and do not compare; remove these, which are not of today's, and run again: {_runs(stale)}")
+
+
+def _runs(found: pd.DataFrame) -> str:
+    """Which runs these are, on one line."""
+    own = found[~found["method"].str.endswith(ORACLE)]
+    return ", ".join(
+        f"{method}/n{samples}/{variant}/seed{'+'.join(map(str, sorted(group['seed'])))}"
+        for (method, samples, variant), group in own.groupby(["method", "samples", "variant"])
+    )
+
+
+@dataclass(frozen=True)
+class Section:
+    """The results of pairs that are looked at together.
+
+    Attributes:
+        slug: for names of files and links.
+    """
+
+    slug: str
+    title: str
+    results: pd.DataFrame
+
+
+def sections(found: pd.DataFrame) -> list[Section]:
+    """The results by what their pairs are for, development pairs first."""
+    order = [*_SECTIONS, *sorted(set(found["section"]) - set(_SECTIONS))]
+    parts = [(name, found[found["section"] == name]) for name in order]
+    return [Section(name or "further", _SECTIONS.get(name, f"Test pairs, {name} track"), part) for name, part in parts if len(part)]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Methods on the same pairs, with one preset and one target budget.
+
+    Attributes:
+        scores: normalised returns, (runs, pairs), by method, best interquartile mean first. A method that draws no target samples stands beside those that do.
+    """
+
+    preset: str
+    samples: int
+    pairs: tuple[str, ...]
+    scores: dict[str, Scores]
+
+    @property
+    def budget(self) -> str:
+        return f"{self.samples:,} target samples" if self.samples else "no target samples"
+
+    def improvements(self) -> dict[tuple[str, str], Estimate]:
+        """How probably a method's run scores more than one of the next method, and than one of the source policies, by both names."""
+        names = list(self.scores)
+        over = dict.fromkeys([*itertools.pairwise(names), *((name, "direct") for name in names if "direct" in names and name != "direct")])
+        return dict(zip(over, improvements([(self.scores[name], self.scores[other]) for name, other in over]), strict=True))
+
+
+def comparisons(found: pd.DataFrame) -> list[Comparison]:
+    """A comparison for each preset (without changes) and budget, over the pairs that all methods have; methods with a single pair are left out.
+
+    Where a method has more runs on one pair than on another, those of the lowest seeds count.
+    """
+    plain = found[(found["variant"] == found["preset"]) & found["normalized_return"].notna()]
+    made = []
+    for preset, of_preset in plain.groupby("preset"):
+        for samples in sorted(set(of_preset["samples"]) - {0}) or [0]:
+            here = of_preset[of_preset["samples"].isin((0, samples))]
+            having = {str(method): set(group["task"]) for method, group in here.groupby("method") if group["task"].nunique() >= FEWEST_PAIRS}
+            pairs = tuple(sorted(set.intersection(*having.values()))) if having else ()
+            if len(pairs) < FEWEST_PAIRS or len(having) < 2:
+                continue
+            scores = {method: _scores(here[here["method"] == method], pairs) for method in having}
+            best = sorted(scores, key=lambda method: (-interquartile_mean(scores[method]), method))
+            made.append(Comparison(str(preset), int(samples), pairs, {method: scores[method] for method in best}))
+    return made
+
+
+def _scores(found: pd.DataFrame, pairs: tuple[str, ...]) -> Scores:
+    runs = [found[found["task"] == pair].sort_values("seed")["normalized_return"].to_numpy(float) for pair in pairs]
+    return np.stack([values[: min(map(len, runs))] for values in runs], axis=1)
+
+
+def perfect(found: pd.DataFrame) -> dict[tuple[str, str], Perfect]:
+    """By pair and preset what its `perfect` runs, with a preset as it is, came to."""
+    runs = found[(found["method"] == "perfect") & (found["variant"] == found["preset"])]
+    made = {}
+    for (task, preset), group in runs.groupby(["task", "preset"]):
+        mean, normalized = (interquartile_mean(group[name].to_numpy(float)) for name in ("return", "normalized_return"))
+        made[str(task), str(preset)] = Perfect(mean, None if np.isnan(normalized) else normalized, len(group), dict(group["physics"].iloc[0]))
+    return made

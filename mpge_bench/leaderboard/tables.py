@@ -1,0 +1,163 @@
+"""Tables of results, for the terminal and for pages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.table import Table
+
+from mpge_bench.harness.perfect import Perfect
+from mpge_bench.leaderboard.estimates import Estimate, interquartile_mean, interquartile_means
+from mpge_bench.leaderboard.results import SHARES, Section, comparisons, perfect, sections
+
+#: One letter for each word of `mpge_bench.baselines.method.ACCESS`.
+LETTERS = {"transitions": "T", "rewards": "R", "target": "U", "resets": "S", "physics": "P", "noise": "N", "returns": "O"}
+ACCESS_LEGEND = (
+    "access: what a method uses besides the source and its policies: T target transitions and R their rewards, metered; U the target, unlimited; S sets the"
+    " source's states; P changes the source's physics; N knows the sensors' noise; O an oracle: returns in the target chose a setting."
+)
+#: Where the floor is a larger share of an action error, the error says more of how ã* is chosen among equals than of the grounding.
+LARGEST_FLOOR = 0.2
+_KEYS = ["task", "samples", "variant", "method"]
+_NAMES = ["task", "samples", "preset", "method"]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table of text: what it shows, what its columns are, its rows, and what has to be known to read it."""
+
+    title: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+    def markdown(self) -> str:
+        """As a Markdown table, its title above it."""
+        lines = ["| " + " | ".join(self.headers) + " |", "|" + "---|" * len(self.headers)]
+        lines = [f"*{self.title}*", "", *lines, *("| " + " | ".join(row) + " |" for row in self.rows)]
+        return "\n".join([*lines, *(["", self.note] if self.note else [])]) + "\n"
+
+    def table(self) -> Table:
+        """For the terminal."""
+        drawn = Table(*self.headers, title=self.title, title_justify="left", caption=self.note or None, caption_justify="left")
+        for row in self.rows:
+            drawn.add_row(*row)
+        return drawn
+
+
+def sheets(results: pd.DataFrame) -> list[Sheet]:
+    """All tables of all sections, in order."""
+    return [sheet for section in sections(results) for sheet in section_sheets(section)]
+
+
+def section_sheets(section: Section) -> list[Sheet]:
+    """Pairs, returns over pairs, returns, groundings and learning in the target of one section; what no result has is left out.
+
+    Figures are interquartile means, in brackets 95% intervals, or with too few runs for these the runs' values.
+    """
+    made = [pairs_sheet(section.results), *aggregate_sheets(section.results), returns_sheet(section.results), *grounding_sheets(section.results)]
+    made += learning_sheets(section.results)
+    return [Sheet(f"{section.title}: {sheet.title}", sheet.headers, sheet.rows, sheet.note) for sheet in made]
+
+
+def pairs_sheet(results: pd.DataFrame) -> Sheet:
+    """A row a pair: what the source policies lose in the target, and what is there to be reached."""
+    known = _of_standard(perfect(results))
+    rows = []
+    for task, group in results.groupby("task"):
+        there, here, optimal = (interquartile_mean(group[name].to_numpy(float)) for name in ("source_return", "direct", "optimal"))
+        reached = known.get(str(task))
+        own = ["–", "–"] if reached is None else [_figure(reached.mean), _figure(np.nan if reached.normalized is None else reached.normalized, 2)]
+        lost = interquartile_mean(group["lost"].to_numpy(float))
+        rows.append([str(task), _figure(there), _figure(here), "–" if np.isnan(lost) else f"{lost:.0%}", *own, _figure(optimal)])
+    headers = ["task", "source policies in the source", "in the target (direct)", "lost", "perfect", "normalised", "J*"]
+    note = "perfect: the same agent with the same budget in the true target. J*: the best return in the target that anybody has reached."
+    return Sheet("pairs", headers, rows, note)
+
+
+def _of_standard(found: dict[tuple[str, str], Perfect]) -> dict[str, Perfect]:
+    return {task: one for (task, preset), one in found.items() if preset == "standard"}
+
+
+def aggregate_sheets(results: pd.DataFrame) -> list[Sheet]:
+    """A table a comparison: normalised returns over runs and pairs, and how probably a method's run scores more than one of the next, and than the source's."""
+    made = []
+    for compared in comparisons(results):
+        names, chances = list(compared.scores), compared.improvements()
+        rows = []
+        for name, following, middle in zip(names, [*names[1:], ""], interquartile_means(list(compared.scores.values())), strict=True):
+            over = [chances[name, other].text(2) if (name, other) in chances else "–" for other in (following, "direct")]
+            rows.append([name, str(len(compared.scores[name])), middle.text(2), *over])
+        headers = ["method", "seeds", "normalised return", "P(better than the next)", "P(better than direct)"]
+        note = f"Interquartile means over runs and pairs: {', '.join(compared.pairs)}. P: probability of improvement."
+        made.append(Sheet(f"over {len(compared.pairs)} pairs, {compared.budget}, {compared.preset}", headers, rows, note))
+    return made
+
+
+def returns_sheet(results: pd.DataFrame) -> Sheet:
+    """A row a task, sample size, preset and method, the best first, with all references beside it."""
+    known = perfect(results)
+    groups = _groups(results)
+    rows: list[tuple[Any, list[str]]] = []
+    for (key, group), normalized in zip(groups, _estimates(groups, "normalized_return"), strict=True):
+        reached = known.get((key[0], str(group["preset"].iloc[0])))
+        references = [_mean(group, "return"), _mean(group, "direct"), _figure(reached.mean) if reached else "–", _mean(group, "optimal")]
+        access = " ".join(LETTERS.get(word, word) for word in group["access"].iloc[0])
+        row = [*key, access or "–", str(len(group)), normalized.text(2), *references, _mean(group, "minutes", 1)]
+        rows.append(((key[0], int(key[1]), -np.nan_to_num(normalized.value), key), row))
+    headers = [*_NAMES, "access", "seeds", "normalised return", "return", "direct", "perfect", "J*", "min"]
+    return Sheet("returns in the target", headers, _sorted(rows), ACCESS_LEGEND)
+
+
+def grounding_sheets(results: pd.DataFrame) -> list[Sheet]:
+    """A row for all that learnt a grounding, the smallest action error first: errors, and what the policy returns in the grounding and in the target."""
+    rows: list[tuple[Any, list[str]]] = []
+    for key, group in _groups(results[results["action_error"].notna()]):
+        value, source, floor = (interquartile_mean(group[name].to_numpy(float)) for name in ("action_error", "action_error_source", "action_error_floor"))
+        errors = [_figure(one, 3) if floor <= LARGEST_FLOOR * one else "–" for one in (value, source)]
+        transitions = f"{_mean(group, 'transition_error', 3)} ({_mean(group, 'transition_error_source', 3)})"
+        row = [*key, str(len(group)), f"{errors[0]} ({errors[1]})", _figure(floor, 3), transitions, _mean(group, "grounded"), _mean(group, "return")]
+        rows.append(((key[0], int(key[1]), value, key), [*row, _mean(group, "grounding_steps"), _mean(group, "grounding_seconds")]))
+    headers = [*_NAMES, "seeds", "action error (source)", "floor", "transition error (source)", "return grounded", "in the target", "simulator steps", "s"]
+    note = f"In brackets the ungrounded source's error. Action errors are not shown where their floor is more than {LARGEST_FLOOR:.0%} of them."
+    return [Sheet("groundings", headers, _sorted(rows), note)] if rows else []
+
+
+def learning_sheets(results: pd.DataFrame) -> list[Sheet]:
+    """A row for all that learnt in the target on a budget: MULTIPOLAR's figures."""
+    names = [f"episode_{share}" for share in SHARES]
+    groups = _groups(results[results[names].notna().any(axis=1)])
+    columns = [_estimates(groups, name) for name in names]
+    rows: list[tuple[Any, list[str]]] = []
+    for index, (key, group) in enumerate(groups):
+        middle = np.nan_to_num(interquartile_mean(group["normalized_return"].to_numpy(float)))
+        rows.append(((key[0], int(key[1]), -middle, key), [*key, str(len(group)), *(column[index].text(0) for column in columns)]))
+    headers = [*_NAMES, "seeds", *(f"{share}% of the samples" for share in SHARES)]
+    return [Sheet("learning in the target, mean episode within the first ...", headers, _sorted(rows))] if rows else []
+
+
+def _groups(results: pd.DataFrame) -> list[tuple[tuple[str, ...], pd.DataFrame]]:
+    return [(tuple(map(str, key)), group) for key, group in results.groupby(_KEYS)]
+
+
+def _estimates(groups: Sequence[tuple[tuple[str, ...], pd.DataFrame]], name: str) -> list[Estimate]:
+    return interquartile_means([group[name].to_numpy(float) for _, group in groups])
+
+
+def _sorted(rows: list[tuple[Any, list[str]]]) -> list[list[str]]:
+    return [row for _, row in sorted(rows, key=lambda one: one[0])]
+
+
+def _mean(group: pd.DataFrame, name: str, digits: int = 0) -> str:
+    return _figure(interquartile_mean(group[name].to_numpy(float)), digits)
+
+
+def _figure(value: float, digits: int = 0) -> str:
+    """What would be shown as nothing is shown by its power of ten."""
+    if np.isnan(value):
+        return "–"
+    return f"{value:.0e}" if digits and 0 < abs(value) < 0.5 / 10**digits else f"{value:,.{digits}f}"
