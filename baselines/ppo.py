@@ -96,8 +96,8 @@ class ActorCritic:
     ) -> None:
         sizes = {f"mlp_extractor.{side}_net.{layer}": (width, width if layer else observation_size) for side in ("policy", "value") for layer in (0, 2)}
         sizes |= {"action_net": (action_size, width), "log_std_net": (action_size, width), "value_net": (1, width)}
-        shapes = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
-        shapes = {**shapes, **(further or {})}
+        shapes: dict[str, tuple[int, ...]] = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
+        shapes |= further or {}
         self.values = np.zeros(sum(int(np.prod(shape)) for shape in shapes.values()), np.float32)
         self._gradient = np.zeros_like(self.values)
         self.arrays, self._slopes = (_views(vector, shapes) for vector in (self.values, self._gradient))

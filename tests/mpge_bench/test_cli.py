@@ -100,15 +100,15 @@ def test_tasks_and_methods_are_listed(in_process):
     assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split(), *method.access))
 
 
-def test_methods_are_plain_data_for_programs(refused):
-    code, out, _ = call("methods", "--json")
+def test_methods_are_plain_data_for_programs(in_process, refused):
+    code, out, _ = in_process("methods", "--json")
     assert code == 0
     found = {one["name"]: one for one in json.loads(out)}
     assert list(found) == list(methods())
     assert (found["ane"]["access"], found["ane"]["samples"]) == ([], False)
     assert (found["scratch"]["access"], found["scratch"]["samples"]) == (["rewards", "transitions"], True)
     assert found["mpge"]["settings"]["ensemble"] == 5
-    code, out, _ = call("methods", "gat", "--json")
+    code, out, _ = in_process("methods", "gat", "--json")
     assert json.loads(out) == [found["gat"]]
     assert "unknown method 'gta'; choose one of" in refused("methods", "gta")
 
