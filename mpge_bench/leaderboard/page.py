@@ -72,8 +72,9 @@ def _page(found: pd.DataFrame, places: Places) -> Iterator[str]:
         return
     runs = found[~found["method"].str.endswith(ORACLE)]
     yield f"{len(runs)} runs on {found['task'].nunique()} pairs.\n"
+    drawn = pictures(found)
     for section in sections(found):
         yield f"## {section.title}\n"
         folder = places.plots.relative_to(places.page.parent).as_posix()
-        yield from (f"{one.caption}\n\n![{one.caption}]({folder}/{one.name})\n" for one in pictures(section))
+        yield from (f"{one.caption}\n\n![{one.caption}]({folder}/{one.name})\n" for one in drawn[section.slug])
         yield from (sheet.markdown() for sheet in section_sheets(section))
