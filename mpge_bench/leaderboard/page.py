@@ -37,7 +37,7 @@ _BOARD = Path(__file__).parents[2] / "leaderboard"
 OWN = Places(_BOARD / "results", _BOARD / "README.md", _BOARD / "plots", STORE)
 
 
-def update(places: Places = OWN) -> list[Path]:
+def update(places: Places) -> list[Path]:
     """Write page, plots and store anew from the results, plots that are no longer made removed; return what was written.
 
     Raises:
@@ -59,7 +59,7 @@ def update(places: Places = OWN) -> list[Path]:
     return written
 
 
-def texts(found: pd.DataFrame, places: Places = OWN) -> dict[Path, str]:
+def texts(found: pd.DataFrame, places: Places) -> dict[Path, str]:
     """What `update` writes, but for the plots, by where it goes."""
     kept = {task: one for (task, preset), one in perfect(found).items() if preset == "standard"} if len(found) else {}
     return {places.page: "\n".join(_page(found, places)), places.store: perfect_text(kept)}
