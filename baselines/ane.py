@@ -35,14 +35,13 @@ class ANE(Method):
 
     summary = "the source policy trained on under random noise on its actions"
     citation = "Jakobi et al. 1995; Desai et al. 2020"
-    touches = "nothing (the oracle's choice: returns in the target)"
-    samples = False
+    access = frozenset()
     settings = ANESettings
     preset = "ane"
 
     def train(self, problem: Problem, settings: ANESettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         def train(std: float) -> tuple[Mapping[str, torch.Tensor], int]:
             noise = Noise(std, problem.robot.action_limit, seed)
-            return train_transfer(problem, noise, settings.agent, seed, progress, log_dir / f"std_{std}")
+            return train_transfer(problem, noise, settings.agent, seed, progress, log_dir / f"std_{std}", jobs, f"agent under noise of {std}")
 
         return swept("std", settings.std, settings.sweep, train)

@@ -15,8 +15,7 @@ class Direct(Method):
     """Uses source policy number seed mod K in the target without having seen it: the lower reference, normalised return 0 on average."""
 
     summary = "the source policy, unchanged (lower reference)"
-    touches = "nothing"
-    samples = False
+    access = frozenset()
 
     def train(self, problem: Problem, settings: NoSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         return Result(tensors(problem.rollouts.weights[0]))
@@ -26,5 +25,5 @@ class TargetOptimal(Direct):
     """Uses policy number seed mod K of those that were trained in the target at length: the upper reference, normalised return 1 on average."""
 
     summary = "a policy trained in the target, 300,000 to 1,000,000 steps (upper reference)"
-    touches = "the target, without limit"
+    access = frozenset({"target"})
     policies = "target"

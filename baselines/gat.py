@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import torch
 
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.networks import Networks
+from mpge_bench.baselines.grounding.store import beside, part
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.presets import RolloutSettings
@@ -54,15 +56,34 @@ class GATTransformation:
         executed: Array = np.clip(self.smoothing * found + (1 - self.smoothing) * action, -self.limit, self.limit)
         return executed
 
+    def state(self) -> dict[str, torch.Tensor]:
+        """Plain tensors by name, from which `from_state` makes it again."""
+        own = {"smoothing": torch.tensor(self.smoothing), "limit": torch.tensor(self.limit)}
+        return beside(own=own, forward=self.forward.parts(), inverse=self.inverse.parts())
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, torch.Tensor]) -> GATTransformation:
+        forward, inverse = (_Regression.from_parts(part(state, name)) for name in ("forward", "inverse"))
+        return cls(forward, inverse, *(float(part(state, "own")[name]) for name in ("smoothing", "limit")))
+
 
 class _Regression:
-    """A network from inputs (n, i) to outputs (n, j), each scaled by its spread."""
+    """A network from inputs (n, i) to outputs (n, j), each scaled by its spread.
 
-    def __init__(self, inputs: Array, outputs: Array, settings: GATSettings, seed: int) -> None:
-        self._mean, self._std = outputs.mean(0), np.maximum(outputs.std(0), 1e-6)
-        self._network = Networks(inputs, outputs.shape[1], settings.hidden, 1, seed)
-        wanted = torch.as_tensor((outputs - self._mean) / self._std, dtype=torch.float32)
-        self._network.fit(
+    Args:
+        network: gives outputs less `mean`, in units of `std`, both (j,).
+    """
+
+    def __init__(self, network: Networks, mean: Array, std: Array) -> None:
+        self._network, self._mean, self._std = network, mean, std
+
+    @classmethod
+    def fitted(cls, inputs: Array, outputs: Array, settings: GATSettings, seed: int) -> _Regression:
+        """Fitted to examples of both."""
+        mean, std = outputs.mean(0), np.maximum(outputs.std(0), 1e-6)
+        network = Networks(inputs, outputs.shape[1], settings.hidden, 1, seed)
+        wanted = torch.as_tensor((outputs - mean) / std, dtype=torch.float32)
+        network.fit(
             inputs,
             lambda found, index: ((found - wanted[index]) ** 2).mean(-1),
             np.ones((1, len(inputs))),
@@ -72,6 +93,17 @@ class _Regression:
             weight_decay=settings.weight_decay,
             seed=seed,
         )
+        return cls(network, mean, std)
+
+    def parts(self) -> dict[str, torch.Tensor]:
+        """Weights and scales by name, from which `from_parts` makes it again."""
+        scale = {"mean": torch.as_tensor(self._mean), "std": torch.as_tensor(self._std)}
+        return beside(scale=scale, network=self._network.parts())
+
+    @classmethod
+    def from_parts(cls, parts: Mapping[str, torch.Tensor]) -> _Regression:
+        scale = part(parts, "scale")
+        return cls(Networks.from_parts(part(parts, "network")), scale["mean"].numpy(), scale["std"].numpy())
 
     def __call__(self, inputs: Array) -> Array:
         outputs: Array = self._network.predict(inputs)[0] * self._std + self._mean
@@ -92,10 +124,10 @@ class GAT(Method):
         progress.stage("forward and inverse model", 0)
         target = problem.demonstrations(rollouts)
         source = problem.source_transitions(rollouts, settings.source_samples, seed)
-        forward = _Regression(_beside(target, target.actions), _change(target), settings, seed)
-        inverse = _Regression(_beside(source, _change(source)), source.actions, settings, seed + 1)
+        forward = _Regression.fitted(_beside(target, target.actions), _change(target), settings, seed)
+        inverse = _Regression.fitted(_beside(source, _change(source)), source.actions, settings, seed + 1)
         grounding = GATTransformation(forward, inverse, settings.smoothing, problem.robot.action_limit)
-        return train_grounded(problem, {len(source): grounding}, len(source), settings.agent, seed, progress, log_dir, begun)
+        return train_grounded(problem, {len(source): grounding}, len(source), settings.agent, seed, progress, log_dir, begun, jobs)
 
 
 def _change(transitions: Transitions) -> Array:

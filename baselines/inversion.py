@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from scipy.optimize import least_squares
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.inverse import REACHED, Solver
 from mpge_bench.baselines.grounding.networks import Networks
+from mpge_bench.baselines.grounding.store import beside, part
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.presets import RolloutSettings
@@ -121,6 +123,16 @@ class FittedTransformation:
         executed: Array = np.clip(found, -self.limit, self.limit)
         return executed
 
+    def state(self) -> dict[str, torch.Tensor]:
+        """Plain tensors by name, from which `from_state` makes it again."""
+        own = {"linear": torch.as_tensor(self.linear), "limit": torch.tensor(self.limit)}
+        return beside(own=own, networks=self.networks.parts() if self.networks else {})
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, torch.Tensor]) -> FittedTransformation:
+        own, networks = part(state, "own"), part(state, "networks")
+        return cls(own["linear"].numpy(), Networks.from_parts(networks) if networks else None, float(own["limit"]))
+
 
 class Inversion(Method):
     """Grounds the source without an adversary, since the source can be put into any state of the target's.
@@ -138,6 +150,7 @@ class Inversion(Method):
 
     summary = "inverts the source on each target transition, robust regression of ã (ours)"
     citation = "mpge_bench"
+    access = frozenset({"transitions", "resets", "noise"})
     settings = InversionSettings
     preset = "inversion"
 
@@ -158,7 +171,7 @@ class Inversion(Method):
         report = _report(problem.robot, residuals, itself.residuals(own_answers.actions, source.scale))
         report |= {"capacity": chosen, "held_out_loss": losses}
         steps = itself.solver.steps + source.solver.steps
-        result = train_grounded(problem, {steps: grounding}, steps, settings.agent, seed, progress, log_dir, begun)
+        result = train_grounded(problem, {steps: grounding}, steps, settings.agent, seed, progress, log_dir, begun, jobs)
         return replace(result, report=report, residuals=residuals)
 
 

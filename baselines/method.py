@@ -1,27 +1,24 @@
-"""The protocol that every method, ours or a user's, implements, and the registry of ours."""
+"""The protocol that every method, ours or a user's, implements."""
 
 from __future__ import annotations
 
-import dataclasses
-import functools
-import inspect
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import pandas as pd
-import torch
-
-from mpge_bench.baselines.policy import Policy
 from mpge_bench.baselines.presets import NoSettings
-from mpge_bench.baselines.problem import Problem
-from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.vector import Transformation
-from mpge_bench.envs.custom import import_object
-from mpge_bench.envs.errors import UserError
+
+if TYPE_CHECKING:  # what a method is can be asked without torch
+    import pandas as pd
+    import torch
+
+    from mpge_bench.baselines.policy import Policy
+    from mpge_bench.baselines.problem import Problem
+    from mpge_bench.baselines.progress import Progress
+    from mpge_bench.baselines.vector import Transformation
 
 
 @dataclass
@@ -66,14 +63,25 @@ def swept(name: str, own: float, further: Sequence[float], train: Callable[[floa
     return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun}, sweep=policies if further else {})
 
 
+#: What a method may use besides the source as often as it likes and the source policies: every word there is for it, and what it means.
+ACCESS = {
+    "transitions": "target transitions (s, a, s'), metered",
+    "rewards": "rewards in the target, of the metered transitions",
+    "target": "learns in the target without limit",
+    "resets": "puts the source into states of its choice",
+    "physics": "changes the source's physics",
+    "noise": "knows the noise of the sensors",
+    "returns": "an oracle chose a setting by returns in the target; so are the rows marked (oracle), of methods with a sweep",
+}
+
+
 class Method(ABC):
     """A way to get a policy for the target from the source and a few target samples.
 
     Attributes:
         summary: what it does, one line.
         citation: the paper it is from.
-        touches: what it uses besides the source simulator and the source policies.
-        samples: whether it draws target samples; the result of one that does not holds for every budget.
+        access: what it uses besides the source simulator and the source policies, words of `ACCESS`; empty for nothing.
         settings: dataclass of its hyperparameters.
         preset: YAML file with their values by preset and task, in `presets` unless it is a path; None where the defaults of `settings` hold.
         policies: which policies it is given in `Problem.rollouts`: ``source``, or ``target`` for the reference that was trained in the target.
@@ -81,11 +89,15 @@ class Method(ABC):
 
     summary: ClassVar[str] = ""
     citation: ClassVar[str] = ""
-    touches: ClassVar[str] = "target samples"
-    samples: ClassVar[bool] = True
+    access: ClassVar[frozenset[str]] = frozenset({"transitions"})
     settings: ClassVar[type[Any]] = NoSettings
     preset: ClassVar[str | Path | None] = None
     policies: ClassVar[str] = "source"
+
+    @property
+    def samples(self) -> bool:
+        """Whether it draws target samples; the result of one that does not holds for every budget."""
+        return "transitions" in self.access
 
     @abstractmethod
     def train(self, problem: Problem, settings: Any, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
@@ -99,64 +111,3 @@ class Method(ABC):
             log_dir: for TensorBoard curves.
             jobs: processes that may be used.
         """
-
-
-def methods() -> dict[str, Method]:
-    """Our methods by name, references first."""
-    return dict(_methods())
-
-
-@functools.cache
-def _methods() -> dict[str, Method]:
-    from mpge_bench.baselines.ane import ANE
-    from mpge_bench.baselines.direct import Direct, TargetOptimal
-    from mpge_bench.baselines.garat import GARAT
-    from mpge_bench.baselines.gat import GAT
-    from mpge_bench.baselines.inversion import Inversion
-    from mpge_bench.baselines.mpg import MPG
-    from mpge_bench.baselines.mpge import MPGE
-    from mpge_bench.baselines.multipolar import RPL, Multipolar, Scratch
-    from mpge_bench.baselines.rarl import RARL
-
-    return {
-        "direct": Direct(),
-        "target_optimal": TargetOptimal(),
-        "ane": ANE(),
-        "rarl": RARL(),
-        "gat": GAT(),
-        "garat": GARAT(),
-        "mpg": MPG(),
-        "mpge": MPGE(),
-        "inversion": Inversion(),
-        "scratch": Scratch(),
-        "rpl": RPL(),
-        "multipolar": Multipolar(),
-    }
-
-
-def get_method(name: str) -> Method:
-    """The method called `name`, or a user's own: ``my_package.mine:MyMethod``.
-
-    Raises:
-        UserError: if there is none, or the user's own is no `Method`.
-    """
-    if ":" in name:
-        return _import(name)
-    known = methods()
-    if name not in known:
-        raise UserError(f"unknown method {name!r}; choose one of: {', '.join(known)}; or give your own: my_package.mine:MyMethod")
-    return known[name]
-
-
-@functools.cache
-def _import(address: str) -> Method:
-    what = "a subclass of mpge_bench.baselines.method.Method"
-    found = import_object(address, what)
-    if not (inspect.isclass(found) and issubclass(found, Method)) or inspect.isabstract(found):
-        raise UserError(f"{address}: is not {what} with a `train` of its own")
-    if not dataclasses.is_dataclass(found.settings):
-        raise UserError(f"{address}: its `settings` is no dataclass")
-    try:
-        return found()
-    except TypeError as error:
-        raise UserError(f"{address}: cannot be made without arguments ({error})") from error

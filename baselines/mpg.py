@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from sb3_contrib import TRPO
 from stable_baselines3.common.logger import configure
 
-from mpge_bench.baselines.agent import AgentSettings, StepReport, train_grounded
+from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
 from mpge_bench.baselines.grounding.transformation import LearntTransformation, TransformationPolicy
@@ -23,8 +21,9 @@ from mpge_bench.baselines.policy import Array, PolicySet, arrays
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.torch_agent import StepReport
 from mpge_bench.baselines.vector import Worlds
-from mpge_bench.baselines.workers import worker_pool
+from mpge_bench.baselines.workers import Advance, side_by_side
 from mpge_bench.envs import RobotEnv
 
 
@@ -71,8 +70,8 @@ def ground(
     target: Transitions,
     settings: GroundingSettings,
     seed: int,
-    advance: Callable[[int], None],
     log_dir: Path,
+    advance: Advance,
 ) -> dict[int, dict[str, Array]]:
     """Algorithm 1 of Lee et al. 2022: learn πg so that D cannot tell grounded transitions from the target's.
 
@@ -84,8 +83,8 @@ def ground(
         target: the demonstrations B1,trg..BK,trg, together.
         settings: hyperparameters.
         seed: of everything random here.
-        advance: told of control steps done.
         log_dir: for TensorBoard curves.
+        advance: told of control steps done.
 
     Returns:
         πg's weights at each checkpoint and at the end, by control steps done.
@@ -153,19 +152,6 @@ def _batches(settings: GroundingSettings) -> int:
     return max(1, settings.steps // settings.batch_size)
 
 
-_queue: Any = None
-
-
-def _start_worker(queue: Any) -> None:
-    global _queue
-    _queue = queue
-
-
-def _ground_in_worker(*arguments: Any) -> dict[int, dict[str, Array]]:
-    source, rollouts, target, settings, seed, log_dir = arguments
-    return ground(source, rollouts, target, settings, seed, _queue.put, log_dir)
-
-
 def ground_ensemble(
     problem: Problem, rollouts: PolicySet, target: Transitions, settings: MPGSettings, seed: int, progress: Progress, log_dir: Path, jobs: int
 ) -> list[dict[int, dict[str, Array]]]:
@@ -175,16 +161,7 @@ def ground_ensemble(
         (problem.source, rollouts, target, settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
         for member in range(settings.ensemble)
     ]
-    if min(jobs, settings.ensemble) == 1:
-        return [ground(*call[:-1], progress.advance, call[-1]) for call in calls]
-    queue = multiprocessing.get_context("spawn").SimpleQueue()
-    with worker_pool(min(jobs, settings.ensemble), _start_worker, (queue,)) as pool:
-        waiting = [pool.apply_async(_ground_in_worker, call) for call in calls]
-        while not all(one.ready() for one in waiting):
-            time.sleep(0.2)
-            while not queue.empty():
-                progress.advance(queue.get())
-        return [one.get() for one in waiting]
+    return side_by_side(ground, calls, jobs, progress.advance)
 
 
 class MPG(Method):
@@ -204,4 +181,4 @@ class MPG(Method):
         checkpoints = {
             steps: LearntTransformation(PolicySet([member[steps] for member in members], 2 * limit), limit) for steps in members[0]
         }
-        return train_grounded(problem, checkpoints, len(members) * max(checkpoints), settings.agent, seed, progress, log_dir, begun)
+        return train_grounded(problem, checkpoints, len(members) * max(checkpoints), settings.agent, seed, progress, log_dir, begun, jobs)

@@ -1,11 +1,9 @@
-"""Learning in the target itself from what the budget allows: from scratch, and with the help of source policies (Barekatain et al. 2019)."""
+"""Learning in the target itself from what the budget allows, with the help of source policies or none: MULTIPOLAR (Barekatain et al. 2019) and its kin."""
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -13,13 +11,13 @@ from typing import Any, ClassVar, Literal
 import gymnasium
 import numpy as np
 import torch
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.torch_layers import MlpExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from torch import nn
 
-from mpge_bench.baselines.agent import AgentSettings, train_agent
+from mpge_bench.baselines.agent import AgentSettings
+from mpge_bench.baselines.finetune import learn_in_target
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import AggregatedPolicy, Array, GaussianPolicy, PolicySet, tensors
 from mpge_bench.baselines.problem import Problem
@@ -32,7 +30,7 @@ class AggregationSettings:
     """Hyperparameters of learning in the target.
 
     Attributes:
-        agent: PPO's; no more than the target budget is used of its steps, and its batches are cut so that at least ten fit into the budget.
+        agent: PPO's; `learn_in_target` says what is made of them.
         sources: K, how many source policies help.
         weights: ``learnt``: W is learnt (MULTIPOLAR); ``ones``: W stays 1 (its first ablation; RPL).
         residual: ``network``: b depends on the state; ``constant``: b is one learnt vector (the second ablation).
@@ -129,24 +127,12 @@ class AggregationPolicy(GaussianPolicy):
         return self.action_dist.proba_distribution(mean, std)
 
 
-class _Episodes(BaseCallback):
-    """Keeps the return of every episode that ends, and after how many target samples."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: list[tuple[int, float]] = []
-
-    def _on_step(self) -> bool:
-        self.found += [(self.num_timesteps, float(info["episode"]["r"])) for info in self.locals["infos"] if "episode" in info]
-        return True
-
-
 class Multipolar(Method):
     """Learns W and b(s) of clip(mean over k of W_k ⊙ a_k(s) + b(s)) in the target by PPO, the whole budget being its training."""
 
     summary = "learns in the target how to weigh source policies, and a residual"
     citation = "Barekatain et al. 2019"
-    touches = "target samples with rewards"
+    access = frozenset({"transitions", "rewards"})
     settings = AggregationSettings
     preset: ClassVar[str | Path | None] = "multipolar"
 
@@ -156,36 +142,20 @@ class Multipolar(Method):
         if settings.sources > len(problem.rollouts):
             raise UserError(f"setting sources is {settings.sources}; there are {len(problem.rollouts)} source policies")
         sources = PolicySet(problem.rollouts.weights[: settings.sources], limit) if settings.sources else None
-        agent = _within(settings.agent, problem.budget)
-        episodes = _Episodes()
-        progress.stage("learning in the target", agent.steps)
-        with closing(problem.worlds(agent.worlds)) as worlds:
-            policy = train_agent(
-                WithSources(worlds, sources) if sources else worlds,
-                agent,
-                seed,
-                progress=progress.advance,
-                log_dir=log_dir / "agent",
-                policy=AggregationPolicy,
-                policy_settings={"sources": settings.sources, "weights": settings.weights, "residual": settings.residual},
-                callbacks=[episodes],
-            )
+        policy, episodes = learn_in_target(
+            problem,
+            settings.agent,
+            seed,
+            progress,
+            log_dir,
+            wrapped=lambda worlds: WithSources(worlds, sources) if sources else worlds,
+            policy=AggregationPolicy,
+            policy_settings={"sources": settings.sources, "weights": settings.weights, "residual": settings.residual},
+        )
         state = {name: value.detach().clone() for name, value in policy.state_dict().items()}
         for k, weights in enumerate(sources.weights if sources else ()):
             state |= {f"sources.{k}.{name}": value for name, value in tensors(weights).items()}
-        return Result(AggregatedPolicy(state, limit), seconds={"agent": time.monotonic() - begun}, episodes=episodes.found)
-
-
-def _within(agent: AgentSettings, budget: int) -> AgentSettings:
-    """The settings cut so that a whole number of batches, ten at least where ten samples are there for each world, fits into `budget`."""
-    if budget < 2:
-        raise UserError(f"{budget} target samples are too few to learn from; give --samples 2 or more")
-    worlds = min(agent.worlds, max(1, budget // 10))
-    # PPO needs two samples at least.
-    rollout_steps = max(2 if worlds == 1 else 1, min(agent.rollout_steps, budget // (10 * worlds)))
-    batch = worlds * rollout_steps
-    steps = min(agent.steps, budget) // batch * batch
-    return dataclasses.replace(agent, worlds=worlds, rollout_steps=rollout_steps, steps=steps, batch_size=min(agent.batch_size, batch))
+        return Result(AggregatedPolicy(state, limit), seconds={"agent": time.monotonic() - begun}, episodes=episodes)
 
 
 class RPL(Multipolar):

@@ -129,7 +129,8 @@ class Problem:
     Attributes:
         robot: of source and target.
         source: makes source environments.
-        rollouts: the K source policies that may act in the target; the agent starts from the first.
+        rollouts: the K source policies that may act in the target.
+        sources: all source policies, from which agents start; the same for all methods, whatever K is.
         budget: target samples in all.
         measured: turns transitions of the source into what the target's sensors would have recorded of them.
 
@@ -138,10 +139,11 @@ class Problem:
             policies in the target). Both ends of a transition are measured; the state between two transitions is measured once.
     """
 
-    def __init__(self, task: Task, rollouts: PolicySet, budget: int, seed: int, noise: float = 0.0) -> None:
+    def __init__(self, task: Task, rollouts: PolicySet, budget: int, seed: int, noise: float = 0.0, sources: PolicySet | None = None) -> None:
         self.robot = task.robot
         self.source: Callable[[], RobotEnv] = task.source
         self.rollouts = rollouts
+        self.sources = sources or rollouts
         self.budget = budget
         self._drawn = 0
         target = task.target

@@ -11,13 +11,12 @@ from typing import Any, cast
 import gymnasium
 import numpy as np
 import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
-from mpge_bench.baselines.agent import AgentSettings, StepReport, make_agent
+from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.method import Method, Result, swept
-from mpge_bench.baselines.policy import Array, Normalizer, PolicySet, policy_set, tensors
+from mpge_bench.baselines.policy import Array, PolicySet, tensors
+from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.baselines.vector import Worlds
@@ -87,8 +86,7 @@ class RARL(Method):
 
     summary = "the source policy trained on against an adversary that adds to its actions"
     citation = "Pinto et al. 2017"
-    touches = "nothing (the oracle's choice: returns in the target)"
-    samples = False
+    access = frozenset()
     settings = RARLSettings
     preset = "rarl"
 
@@ -102,30 +100,22 @@ class RARL(Method):
 
 def _play(problem: Problem, settings: RARLSettings, ratio: float, seed: int, progress: Progress, log_dir: Path) -> tuple[Mapping[str, torch.Tensor], int]:
     agent, limit = settings.agent, problem.robot.action_limit
-    start = tensors(problem.rollouts.weights[0])
+    start = problem.sources.weights[0]
     opponent = _Opponent(ratio, seed)
     with closing(Worlds(problem.source, agent.worlds, seed, opponent)) as own, closing(Worlds(problem.source, agent.worlds, seed + 1)) as others:
         adversary_worlds = _AdversaryWorlds(others, ratio, seed)
-        protagonist = make_agent(own, agent, seed, start=start, log_dir=log_dir / "protagonist")
-        adversary = make_agent(adversary_worlds, agent, seed, log_dir=log_dir / "adversary")
-        normalizer = adversary.policy.features_extractor
-        assert isinstance(normalizer, Normalizer)
-        normalizer.mean.copy_(start["features_extractor.mean"])
-        normalizer.std.copy_(start["features_extractor.std"])
-        callbacks = {model: model._setup_learn(agent.steps, StepReport(progress.advance, agent.worlds))[1] for model in (protagonist, adversary)}
-        while protagonist.num_timesteps < agent.steps:
-            adversary_worlds.protagonist = policy_set([protagonist.policy], limit)
-            for _ in range(settings.turn):
-                _update(adversary, callbacks[adversary])
-            opponent.policy = policy_set([adversary.policy], ratio * limit)
-            for _ in range(settings.turn):
-                _update(protagonist, callbacks[protagonist])
-        return protagonist.policy.state_dict(), own.steps + others.steps
+        protagonist = PPO(own, agent, seed, start=start, log_dir=log_dir / "protagonist")
+        adversary = PPO(adversary_worlds, agent, seed, log_dir=log_dir / "adversary")
+        adversary.scale_inputs_as(start)
+        batch = settings.turn * agent.worlds * agent.rollout_steps
+        while protagonist.steps < agent.steps:
+            adversary_worlds.protagonist = _acting(protagonist, limit)
+            adversary.learn(adversary.steps + batch, agent.steps, progress.advance)
+            opponent.policy = _acting(adversary, ratio * limit)
+            protagonist.learn(protagonist.steps + batch, agent.steps, progress.advance)
+        return tensors(protagonist.state()), own.steps + others.steps
 
 
-def _update(model: PPO, callback: BaseCallback) -> None:
-    assert model.env is not None
-    model.collect_rollouts(model.env, callback, model.rollout_buffer, n_rollout_steps=model.n_steps)
-    model._update_current_progress_remaining(model.num_timesteps, model._total_timesteps)
-    model.train()
-    model.logger.dump(model.num_timesteps)
+def _acting(agent: PPO, limit: float) -> PolicySet:
+    """The agent's policy as it stands."""
+    return PolicySet([{name: value.astype(float) for name, value in agent.state().items()}], limit)

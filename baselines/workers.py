@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.pool import Pool
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
+
+Found = TypeVar("Found")
+#: Told of the control steps done since the last call.
+Advance = Callable[[int], None]
+
+_queue: Any = None
+#: Steps are told of in heaps of so many: a message costs more than a step.
+_HEAP = 500
 
 
 @contextmanager
@@ -28,6 +37,48 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, arguments:
         raise
     finally:
         pool.join()
+
+
+def side_by_side(work: Callable[..., Found], calls: Sequence[tuple[Any, ...]], jobs: int, advance: Advance) -> list[Found]:
+    """``work(*call, advance)`` for each of `calls`, up to `jobs` of them at a time, results in their order.
+
+    `work` is a function of a module, and its arguments can be pickled. It takes what it needs from its arguments alone, so that the results do not depend
+    on `jobs`.
+    """
+    if min(jobs, len(calls)) <= 1:
+        return [work(*call, advance) for call in calls]
+    queue = multiprocessing.get_context("spawn").SimpleQueue()
+    with worker_pool(min(jobs, len(calls)), _take_queue, (queue,)) as pool:
+        waiting = [pool.apply_async(_work, (work, call)) for call in calls]
+        while not all(one.ready() for one in waiting):
+            # A piece of work that failed shall not be waited for by the others.
+            for one in waiting:
+                if one.ready():
+                    one.get()
+            time.sleep(0.1)
+            while not queue.empty():
+                advance(queue.get())
+        return [one.get() for one in waiting]
+
+
+def _work(work: Callable[..., Found], call: tuple[Any, ...]) -> Found:
+    waiting = 0
+
+    def advance(steps: int) -> None:
+        nonlocal waiting
+        waiting += steps
+        if waiting >= _HEAP:
+            _queue.put(waiting)
+            waiting = 0
+
+    found = work(*call, advance)
+    _queue.put(waiting)
+    return found
+
+
+def _take_queue(queue: Any) -> None:
+    global _queue
+    _queue = queue
 
 
 def _start(start: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:

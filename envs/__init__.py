@@ -26,7 +26,18 @@ def make_instance(family: str, instance: int = 0, render_mode: str | None = None
     return RobotEnv(task.robot, task.effects, render_mode)
 
 
-#: Gymnasium ids of the source tasks by robot, of the target tasks by pair, and of the families (whose ids take ``instance=0`` to ``99``).
+def make_pair(task: str, severity: float | None = None, render_mode: str | None = None) -> RobotEnv:
+    """The target of the registered pair `task`, at another `severity` if one is given.
+
+    Raises:
+        UserError: if the pair has no severity, or not this one.
+    """
+    pair = TASKS[task] if severity is None else TASKS[task].at(severity)
+    return pair.target(render_mode)
+
+
+#: Gymnasium ids of the source tasks by robot, of the target tasks by pair (whose ids take ``severity=0.25``, say, where they have one), and of the families
+#: (whose ids take ``instance=0`` to ``99``).
 SOURCE_IDS = {name: _id(name) for name in ROBOTS}
 TARGET_IDS = {name: _id(name) for name in TASKS}
 FAMILY_IDS = {name: _id(name) for name in (*FAMILIES, *CLASSICS)}
@@ -41,10 +52,10 @@ def _register(id: str, entry_point: Any, steps: int, **settings: Any) -> None:
 for _robot in ROBOTS.values():
     _register(SOURCE_IDS[_robot.name], _ROBOT_ENV, _robot.episode_steps, robot=_robot)
 for _task in TASKS.values():
-    _register(TARGET_IDS[_task.name], _ROBOT_ENV, _task.robot.episode_steps, robot=_task.robot, effects=_task.effects)
+    _register(TARGET_IDS[_task.name], f"{__name__}:make_pair", _task.robot.episode_steps, task=_task.name)
 for _family in FAMILIES.values():
     _register(FAMILY_IDS[_family.name], f"{__name__}:make_instance", _family.robot.episode_steps, family=_family.name)
 for _name, (_make, _steps) in CLASSICS.items():
     _register(FAMILY_IDS[_name], f"{_make.__module__}:{_make.__qualname__}", _steps)
 
-__all__ = ["FAMILIES", "FAMILY_IDS", "ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task", "make_instance"]
+__all__ = ["FAMILIES", "FAMILY_IDS", "ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task", "make_instance", "make_pair"]

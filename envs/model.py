@@ -21,7 +21,8 @@ Array = npt.NDArray[np.float64]
 #: Gear ratio of the rotors that stand for a robot's armature. The rotor's own spin adds a cross term armature / ratio to the mass matrix;
 #: at 10 that is below a tenth of the armature and the iterative solver still converges fast.
 ROTOR_RATIO = 10.0
-
+#: Coefficient of friction of a link whose file gives none.
+_BULLET_FRICTION = 0.5
 
 #: How many numbers the attributes of a URDF's elements take.
 _NUMBERS = {
@@ -326,6 +327,11 @@ class Model:
         for present in contact.findall("lateral_friction"):
             contact.remove(present)
         ET.SubElement(contact, "lateral_friction", value=repr(float(coefficient)))
+
+    def friction(self, link: str) -> float:
+        """Coefficient of friction of `link` in contact; Bullet's own where the file gives none."""
+        given = self._root.find(f"link[@name='{link}']/contact/lateral_friction")
+        return _BULLET_FRICTION if given is None else float(given.get("value", _BULLET_FRICTION))
 
     def touching(self) -> tuple[str, ...]:
         """Links that can touch something."""

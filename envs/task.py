@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mpge_bench.envs.effects import Effect, Hidden
 from mpge_bench.envs.env import RobotEnv
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.fingerprint import fingerprint
 from mpge_bench.envs.robots.robot import Array, Robot
+from mpge_bench.envs.severity import AT, Severity, plain
+
+#: Kinds of pairs that are reported apart: those of the papers and their like, one that hardly differs, and those that actions can make up for by less
+#: than half. Any other pair has none.
+TRACKS = ("headline", "control", "physics", "")
 
 
 @dataclass(frozen=True)
@@ -24,6 +32,9 @@ class Task:
         citation: where the pair is from.
         note: what else to know about it.
         address: what `get_task` finds it by; its name unless it is a user's own.
+        track: the kind of pair among whose like it is reported, one of `TRACKS`.
+        development: whether settings may be chosen on it; on all others they are only reported.
+        severity: what ``NAME@value`` sets, if there is one figure that says how far target and source are apart.
     """
 
     name: str
@@ -33,6 +44,9 @@ class Task:
     citation: str
     note: str = ""
     address: str = ""
+    track: str = ""
+    development: bool = False
+    severity: Severity | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(self.effects))
@@ -42,9 +56,29 @@ class Task:
         """A new source environment."""
         return RobotEnv(self.robot)
 
-    def target(self) -> RobotEnv:
+    def target(self, render_mode: str | None = None) -> RobotEnv:
         """A new target environment."""
-        return RobotEnv(self.robot, self.effects)
+        return RobotEnv(self.robot, self.effects, render_mode)
+
+    def at(self, value: float) -> Task:
+        """The pair at another severity, called ``NAME@value``: of no track, since that is the registered pair's, but of development if that one is.
+
+        At the severity that the pair has already it is the pair itself.
+
+        Raises:
+            UserError: if the pair has no severity, or the value is none for it.
+        """
+        name = f"{self.name}{AT}{plain(value)}"
+        if self.severity is None:
+            raise UserError(f"{name}: {self.name} has no severity to set; leave {AT}{plain(value)} away")
+        try:
+            effects = self.severity.set(self.effects, value)
+        except UserError as error:
+            raise UserError(f"{name}: {error}") from error
+        if effects == self.effects:
+            return self
+        summary = f"{self.severity.meaning}: {self.severity.said(value)}; else as {self.name} ({self.summary})"
+        return replace(self, name=name, address=name, effects=effects, summary=summary, track="", severity=None)
 
     @property
     def has_action_transformation(self) -> bool:
@@ -67,8 +101,12 @@ class Task:
             effect.actuate(command, robot.joints.index(effect.target), None, None, Hidden(robot.timestep))
         return np.clip(command[actuated].T / robot.gears, -robot.action_limit, robot.action_limit)
 
+    def fingerprints(self) -> dict[str, str]:
+        """16 hex digits each that tell the motion of the ``robot`` as the source has it and of the ``pair``'s target; see `fingerprint`."""
+        return {"robot": _source_fingerprint(self.robot), "pair": _target_fingerprint(self)}
+
     def to_dict(self) -> dict[str, object]:
-        """Plain data: name, robot, effects, summary, citation and note."""
+        """Plain data: name, robot, effects, summary, citation, note, track and development."""
         return {
             "name": self.name,
             "robot": self.robot.name,
@@ -76,4 +114,16 @@ class Task:
             "summary": self.summary,
             "citation": self.citation,
             "note": self.note,
+            "track": self.track,
+            "development": self.development,
         }
+
+
+@functools.cache
+def _source_fingerprint(robot: Robot) -> str:
+    return fingerprint(lambda: RobotEnv(robot))
+
+
+@functools.cache
+def _target_fingerprint(task: Task) -> str:
+    return fingerprint(task.target)

@@ -441,17 +441,31 @@ def tasks(
 
 
 @app.command()
-def methods() -> None:
-    """List the transfer methods: what they do, where they are from, and what each may touch besides the source and its policies.
+def methods(
+    method: Annotated[str | None, typer.Argument(help="Only this method: a listed one, or your own: my_package.mine:MyMethod.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs: also whether it draws samples, its presets and its settings.")] = False,
+) -> None:
+    """List the transfer methods: what they do, where they are from, and what each uses besides the source and its policies.
 
-    Your own method is a subclass of mpge_bench.baselines.method.Method; README has a complete example.
+    Examples: python -m mpge_bench methods, python -m mpge_bench methods mpge --json
+
+    Your own method is a subclass of mpge_bench.baselines.method.Method; README has a complete example. Its `access` says what it uses, in the words that
+    are explained below the table.
     """
-    from mpge_bench.baselines.method import methods as known
+    from mpge_bench.baselines.method import ACCESS
+    from mpge_bench.baselines.registry import ADDRESSES, described
 
-    drawn = Table("method", "what it does", "from", "touches, besides the source and its policies")
-    for name, method in known().items():
-        drawn.add_row(name, method.summary, method.citation or "–", method.touches)
+    found = [described(name) for name in ([method] if method else ADDRESSES)]
+    if as_json:
+        print(json.dumps(found, indent=1))
+        return
+    drawn, words = (Table(*columns) for columns in (("method", "what it does", "from", "uses", "presets"), ("uses", "which means")))
+    for one in found:
+        drawn.add_row(one["name"], one["summary"], one["citation"] or "–", ", ".join(one["access"]) or "nothing", ", ".join(one["presets"]))
+    for word, meaning in ACCESS.items():
+        words.add_row(word, meaning)
     _wide().print(drawn)
+    _wide().print(words)
 
 
 def _wide() -> Console:

@@ -12,8 +12,15 @@ from rich.table import Column, Table
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.envs import FAMILIES, FAMILY_IDS, SOURCE_IDS, TARGET_IDS, TASKS, Task
 from mpge_bench.envs.classic import CLASSICS
+from mpge_bench.envs.severity import AT, plain
 from mpge_bench.harness.mismatch import Mismatch, measure_mismatch, stored_mismatches
 
+#: What the tracks are, as a pair's page has it.
+_ROLES = {
+    "headline": "Headline track: pairs of the papers, their like, and targets of another simulator.",
+    "control": "Control: source and target hardly differ, so that nothing is to be gained.",
+    "physics": "Physics track: actions can make up for less than half of the mismatch.",
+}
 #: Transitions on which a pair that has no stored figures is measured.
 _TRANSITIONS = 100
 
@@ -22,6 +29,7 @@ def _entry(task: Task, mismatch: Mismatch | None) -> dict[str, Any]:
     robot = task.robot
     return {
         **task.to_dict(),
+        "severity": task.severity.to_dict() if task.severity else None,
         "observation_size": robot.observation_size,
         "action_size": len(robot.actuators),
         "control_step_s": robot.dt,
@@ -44,10 +52,11 @@ def table(entries: list[dict[str, Any]]) -> Table:
         Column("o × a", no_wrap=True),
         Column("the target differs by (effects)", ratio=1),
         Column("from", no_wrap=True),
+        Column("track", no_wrap=True),
         Column("mismatch", justify="right", no_wrap=True),
         Column("removable", justify="right", no_wrap=True),
         caption="o × a: sizes of observation and action. mismatch: distance of the next states, in spreads of the state's change in a control step; removable:"
-        " share that the best action transformation takes away. `tasks NAME` shows more.",
+        " share that the best action transformation takes away. *: settings are chosen on these pairs. `tasks NAME` shows more.",
         caption_justify="left",
         row_styles=["", "dim"],
     )
@@ -56,7 +65,8 @@ def table(entries: list[dict[str, Any]]) -> Table:
         measured = entry["mismatch"]
         size, share = (f"{measured['mismatch']:.2g}", f"{max(measured['removable'], 0):.0%}") if measured else ("-", "-")
         dimensions = f"{entry['observation_size']} × {entry['action_size']}"
-        drawn.add_row(entry["name"], dimensions, f"{entry['summary']} ({effects})", _short_citation(entry["citation"]), size, share)
+        track = entry["track"] + ("*" if entry["development"] else "")
+        drawn.add_row(entry["name"], dimensions, f"{entry['summary']} ({effects})", _short_citation(entry["citation"]), track, size, share)
     return drawn
 
 
@@ -91,6 +101,8 @@ def text(page: dict[str, Any]) -> str:
     lines = [f"{page['name']}: {page['robot']}; {page['summary'] or 'a pair of your own'}", ""]
     lines += [f"From {page['citation']}."] if page["citation"] else []
     lines += [page["note"]] if page["note"] else []
+    lines += [_ROLES[page["track"]]] if page["track"] else []
+    lines += ["Development pair: settings of the methods are chosen on it."] if page["development"] else []
     lines += [
         f"Observation {page['observation_size']}, action {page['action_size']}, control step {1000 * page['control_step_s']:.4g} ms,"
         f" {page['episode_steps']} steps an episode.",
@@ -100,6 +112,7 @@ def text(page: dict[str, Any]) -> str:
     for effect in page["effects"]:
         values = ", ".join(f"{key} {_short(value)}" for key, value in effect.items() if key not in ("effect", "target"))
         lines.append(f"  {effect['effect']} on {effect['target']}: {values}")
+    lines += _ladder(page["name"], page["severity"])
     share = max(found["removable"], 0.0)
     lines += [
         "",
@@ -115,6 +128,15 @@ def text(page: dict[str, Any]) -> str:
     ]
     lines += [f"  {line}".rstrip() for line in page["robot_description"].splitlines()]
     return "\n".join(lines)
+
+
+def _ladder(name: str, severity: dict[str, Any] | None) -> list[str]:
+    """How the pair is had at other severities, if it is."""
+    if severity is None:
+        return []
+    asked = ", ".join(f"{name}{AT}{plain(value)}" for value in severity["ladder"])
+    unit = f", {severity['unit']}" if severity["unit"] else ""
+    return ["", f"Severity ({severity['meaning']}{unit}), any value after the {AT}: {asked}"]
 
 
 def _short(value: Any) -> str:

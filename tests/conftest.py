@@ -1,10 +1,15 @@
-"""What several tests share: small policies made on the spot, so that no test depends on how well a shipped one was trained."""
+"""What several tests share: small policies made on the spot, so that no test depends on how well a shipped one was trained, and the command line."""
 
 from __future__ import annotations
 
 import os
+import signal
+import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
+# Before NumPy and PyTorch are imported; what tests start, pytest-xdist's workers and the command line, inherits it.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
@@ -12,9 +17,15 @@ import pytest
 import torch
 
 from mpge_bench.baselines.policy import GaussianPolicy, PolicySet, policy_set
+from mpge_bench.cli import main
 from mpge_bench.envs import RobotEnv, get_task
 
 torch.set_num_threads(1)
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Single files and tests run in one process: workers would each import PyTorch first, which takes longer than they save. Folders take all cores."""
+    return None if any(Path(argument).is_dir() for argument in config.args) else 0
 
 
 def _make_policy(env: RobotEnv, seed: int = 0) -> GaussianPolicy:
@@ -37,3 +48,35 @@ def pendulum_policies() -> PolicySet:
     """Two different policies of the inverted pendulum."""
     env = get_task("biased_pendulum").source()
     return policy_set([_make_policy(env, seed) for seed in range(2)], 3.0)
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Runs the command line without a process of its own, whose imports take seconds: in_process("tasks", "--json") is (exit status, output, error output)."""
+
+    def call(*arguments: Any) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["mpge_bench", *map(str, arguments)])
+        capsys.readouterr()
+        handler = signal.getsignal(signal.SIGTERM)
+        try:
+            with pytest.raises(SystemExit) as end:
+                main()
+        finally:
+            signal.signal(signal.SIGTERM, handler)
+        return (end.value.code or 0, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def refused(in_process: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+    """refused("run", "--task", "hoper") is the one line that the command line, run as `in_process` does, refuses this with."""
+
+    def call(*arguments: Any) -> str:
+        code, out, err = in_process(*arguments)
+        assert code == 2
+        assert "Traceback" not in out + err
+        assert len(err.strip().splitlines()) == 1, err
+        return err
+
+    return call

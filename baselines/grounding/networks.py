@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -80,4 +80,20 @@ class Networks(nn.Module):
         """Outputs of all members as float64, (members, n, outputs)."""
         with torch.no_grad():
             found: Array = self(torch.as_tensor(inputs, dtype=torch.float32)).numpy().astype(float)
+        return found
+
+    def parts(self) -> dict[str, torch.Tensor]:
+        """Weights and the inputs' scale by name, from which `from_parts` makes the networks again."""
+        return {"mean": self.mean, "std": self.std} | {
+            f"{name}{index}": value for name, values in (("weight", self.weights), ("bias", self.biases)) for index, value in enumerate(values)
+        }
+
+    @classmethod
+    def from_parts(cls, parts: Mapping[str, torch.Tensor]) -> Networks:
+        weights, biases = ([parts[f"{name}{index}"] for index in range(sum(one.startswith(name) for one in parts))] for name in ("weight", "bias"))
+        found = cls(np.zeros((1, len(parts["mean"]))), weights[-1].shape[2], [one.shape[2] for one in weights[:-1]], len(weights[0]), 0)
+        found.mean, found.std = parts["mean"], parts["std"]
+        for own, values in ((found.weights, weights), (found.biases, biases)):
+            for one, value in zip(own, values, strict=True):
+                one.data.copy_(value)
         return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium
@@ -11,7 +11,8 @@ import torch
 from stable_baselines3.common.torch_layers import MlpExtractor
 from torch import nn
 
-from mpge_bench.baselines.policy import Array, GaussianPolicy, PolicySet
+from mpge_bench.baselines.grounding.store import beside, part
+from mpge_bench.baselines.policy import Array, GaussianPolicy, PolicySet, arrays, tensors
 
 
 class _SharedInput(MlpExtractor):
@@ -82,3 +83,13 @@ class LearntTransformation:
         change = self.policies.best(np.concatenate((observation, action), axis=1), member)
         transformed: Array = np.clip(action + change, -self.limit, self.limit)
         return transformed
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Plain tensors by name, from which `from_state` makes it again."""
+        return beside(limit={"": torch.tensor(self.limit)}, **{f"member{index}": tensors(one) for index, one in enumerate(self.policies.weights)})
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, torch.Tensor]) -> LearntTransformation:
+        limit = float(state["limit."])
+        members = len({name.partition(".")[0] for name in state}) - 1
+        return cls(PolicySet([arrays(part(state, f"member{index}")) for index in range(members)], 2 * limit), limit)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -12,9 +13,13 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import yaml
 
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.severity import base_name
 
 FOLDER = Path(__file__).parent
+#: What every method is run under; its file may have further ones of its own.
 PRESETS = ("smoke", "standard", "paper")
+#: Keys of a preset file that are no presets: the file it builds upon, and what holds for every preset.
+_NO_PRESETS = ("inherits", "all")
 
 Settings = TypeVar("Settings")
 
@@ -54,29 +59,54 @@ def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _known(preset: str) -> None:
-    if preset not in PRESETS:
-        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(PRESETS)}")
+def _files(name: str | Path | None) -> list[dict[str, Any]]:
+    """The contents of the preset file `name` and of those that it inherits, the last of which comes first."""
+    if name is None:
+        return []
+    path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
+    with _readable(path):
+        data = yaml.load(path.read_text(), _Loader)
+        return [*_files(data.get("inherits")), data]
 
 
-def load_preset(name: str | Path, preset: str, task: str) -> dict[str, Any]:
+@contextmanager
+def _readable(name: str | Path | None) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
+        raise UserError(f"{name}: not a readable preset file ({one_line(error)}); see mpg.yaml in {FOLDER} for what one looks like") from error
+
+
+def presets_of(name: str | Path | None) -> list[str]:
+    """The presets of the file `name` and of those it inherits; `PRESETS` are always among them.
+
+    Raises:
+        UserError: if the file cannot be read.
+    """
+    sections = [str(section) for data in _files(name) for section in data if section not in _NO_PRESETS]
+    return list(dict.fromkeys((*PRESETS, *sections)))
+
+
+def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[str, Any]:
     """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
-    A file may say ``inherits: other`` and then holds only what differs from the other's.
+    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's. It may have presets of its own beside `PRESETS`.
+
+    Args:
+        name: None for a method without a file, whose settings' defaults hold.
+        task: none for what holds where no task says otherwise.
 
     Raises:
         UserError: if there is no such preset, or the file cannot be read.
     """
-    _known(preset)
-    path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
-    try:
-        data = yaml.load(path.read_text(), _Loader)
-        base = load_preset(data["inherits"], preset, task) if "inherits" in data else {}
-        for section in ("all", preset):
-            for key in ("default", task):
-                base = _merge(base, data.get(section, {}).get(key) or {})
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
-        raise UserError(f"{path}: not a readable preset file ({one_line(error)}); see mpg.yaml in {FOLDER} for what one looks like") from error
+    if preset not in presets_of(name):
+        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(presets_of(name))}")
+    base: dict[str, Any] = {}
+    with _readable(name):
+        for data in _files(name):
+            for section in ("all", preset):
+                for key in dict.fromkeys(("default", base_name(task), task)):
+                    base = _merge(base, data.get(section, {}).get(key) or {})
     return base
 
 
@@ -101,15 +131,13 @@ def parse_overrides(pairs: Iterable[str]) -> dict[str, Any]:
     return found
 
 
-def load_settings(kind: type[Settings], name: str | Path | None, preset: str, task: str, overrides: Mapping[str, Any] | None = None) -> Settings:
+def load_settings(kind: type[Settings], name: str | Path | None, preset: str, task: str = "", overrides: Mapping[str, Any] | None = None) -> Settings:
     """The settings `kind` with the values of a preset file (none: the defaults) and, over them, `overrides`.
 
     Raises:
         UserError: if there is no such preset, or a key or value is wrong.
     """
-    _known(preset)
-    data = load_preset(name, preset, task) if name else {}
-    return settings_from(kind, _merge(data, overrides or {}))
+    return settings_from(kind, _merge(load_preset(name, preset, task), overrides or {}))
 
 
 def settings_from(kind: type[Settings], data: Mapping[str, Any], path: str = "") -> Settings:

@@ -5,58 +5,19 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from mpge_bench.baselines.evaluation import SEED
 from mpge_bench.baselines.grounding.inverse import Solution, Solver
-from mpge_bench.baselines.policy import Array, Policy
+from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.problem import Transitions
 from mpge_bench.baselines.vector import Identity, Transformation, Worlds
 from mpge_bench.envs import RobotEnv, Task
 from mpge_bench.harness.optimal import Twin, state_spread, whole_state
 
-EPISODES = 50
 ERROR_STEPS = 2048
-#: Evaluations use the same episodes in every run, so that runs differ by what they learnt alone.
-SEED = 20220723
-
-
-@dataclass(frozen=True)
-class Returns:
-    """Undiscounted returns of `episodes` episodes: mean and standard deviation."""
-
-    mean: float
-    std: float
-    episodes: int
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-
-def returns(
-    make: Callable[[], RobotEnv], policies: Policy, episodes: int = EPISODES, transformation: Transformation | None = None, seed: int = SEED
-) -> Returns:
-    """Returns of the mean actions of `policies`, which take the episodes in turn.
-
-    Every world plays its own share of the episodes to the end, so that short episodes are not counted more often than long ones.
-    """
-    count = min(10, episodes)
-    worlds = Worlds(make, count, seed, transformation)
-    share = [episodes // count + (index < episodes % count) for index in range(count)]
-    played = np.zeros(count, int)
-    found: list[float] = []
-    states = worlds.reset()
-    while len(found) < episodes:
-        member = (np.arange(count) + played * count) % len(policies)
-        states, _, dones, infos = worlds.step(policies.best(states, member))
-        for index in np.flatnonzero(dones):
-            if played[index] < share[index]:
-                found.append(infos[index]["episode"]["r"])
-            played[index] += 1
-    worlds.close()
-    return Returns(float(np.mean(found)), float(np.std(found)), episodes)
 
 
 def normalized_return(policy: float, direct: float, target_optimal: float) -> float | None:

@@ -9,7 +9,6 @@ import os
 import platform
 import re
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -25,26 +24,26 @@ from filelock import FileLock, Timeout
 from safetensors.torch import save_file
 
 from mpge_bench import policies
-from mpge_bench.baselines.method import Result, get_method
+from mpge_bench.baselines.evaluation import SEED, Returns, returns
+from mpge_bench.baselines.method import Result
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
 from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
 from mpge_bench.baselines.problem import Problem, roll_out_each
 from mpge_bench.baselines.progress import Progress, Silent
+from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs import Task, get_task
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.harness.metrics import (
     ERROR_STEPS,
-    SEED,
-    Returns,
     action_transformation_error,
     action_transformation_floor,
     learning,
     normalized_return,
-    returns,
     transition_error,
     transition_floor,
 )
 from mpge_bench.harness.residuals import draw_residuals
+from mpge_bench.provenance import commit
 
 SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -212,7 +211,7 @@ def run(
                 "total": round(time.monotonic() - begun, 1),
             },
             "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
-            "commit": _commit(),
+            "commit": commit(),
             "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs},
         }
         if len(curve):
@@ -416,14 +415,3 @@ def _curve(task: Task, result: Result) -> pd.DataFrame:
     few = ERROR_STEPS if task.has_action_transformation else ERROR_STEPS // 8
     found = sorted(result.checkpoints.items())
     return pd.DataFrame([{"steps": steps, "action_transformation_error": action_transformation_error(task, grounding, few)} for steps, grounding in found])
-
-
-def _commit() -> str | None:
-    """The commit of the checkout that the package lies in, marked if it has been changed; None outside a checkout."""
-    try:
-        answer = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"], cwd=Path(__file__).parent, capture_output=True, text=True
-        )
-    except OSError:
-        return None
-    return answer.stdout.strip() or None

@@ -7,11 +7,11 @@ import pytest
 
 from mpge_bench.baselines.agent import AgentSettings, train_transfer
 from mpge_bench.baselines.ane import ANE, ANESettings
+from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Silent
 from mpge_bench.baselines.vector import Identity, Noise
 from mpge_bench.envs import get_task
-from mpge_bench.harness.metrics import returns
 
 TASK = get_task("biased_pendulum")
 AGENT = AgentSettings(steps=256, worlds=4, rollout_steps=32, batch_size=64, epochs=4)

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mpge_bench.baselines.agent import AgentSettings
-from mpge_bench.baselines.method import methods
 from mpge_bench.baselines.mpg import MPGSettings
-from mpge_bench.baselines.presets import PRESETS, NoSettings, load_preset, load_settings, parse_overrides, settings_from
+from mpge_bench.baselines.presets import PRESETS, NoSettings, load_preset, load_settings, parse_overrides, presets_of, settings_from
+from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import ROBOTS, TASKS
 from mpge_bench.envs.errors import UserError
 
@@ -142,6 +142,18 @@ def test_a_preset_file_of_ones_own(tmp_path):
         path.write_text(content)
         with pytest.raises(UserError, match=r"mine\.yaml: not a readable preset file"):
             load_settings(MPGSettings, path, "smoke", "t")
+
+
+def test_a_file_may_have_presets_of_its_own(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("inherits: mpg\nall:\n  default: {ensemble: 2}\ntiny:\n  default:\n    grounding: {steps: 5}\n    agent: {steps: 7}\n")
+    assert presets_of(path) == [*PRESETS, "tiny"]
+    found = load_settings(MPGSettings, path, "tiny")
+    assert (found.ensemble, found.grounding.steps, found.agent.steps) == (2, 5, 7)
+    with pytest.raises(UserError, match=r"^unknown preset 'tinny'; choose one of: smoke, standard, paper, tiny$"):
+        load_settings(MPGSettings, path, "tinny")
+    with pytest.raises(UserError, match=r"^unknown preset 'tiny'; choose one of: smoke, standard, paper$"):
+        load_settings(MPGSettings, "mpg", "tiny")
 
 
 def test_unknown_preset():

@@ -1,4 +1,4 @@
-"""`record` and `simulate`, run as a user does: what is recorded can be read back, and the simulator with the target's effects predicts it."""
+"""`record` and `simulate`: what is recorded can be read back, and the simulator with the target's effects predicts it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +36,6 @@ def call(*arguments: Any) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
-def refused(*arguments: Any) -> str:
-    code, out, err = call(*arguments)
-    assert code == 2
-    assert "Traceback" not in out + err
-    assert len(err.strip().splitlines()) == 1, err
-    return err
-
-
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two recordings of the biased pendulum, which a target-optimal policy keeps up."""
@@ -67,11 +60,13 @@ def test_the_targets_effects_and_nothing_else_explain_the_recording(pendulum: Pa
     assert np.abs(unknown.q - recording.q).max() > 0.1
 
 
-def test_simulate_writes_the_prediction_and_how_far_it_is_off(pendulum: Path, tmp_path: Path) -> None:
+def test_simulate_writes_the_prediction_and_how_far_it_is_off(
+    pendulum: Path, tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]
+) -> None:
     rig = read_rig(pendulum / "rig.yaml")
     corrected, out = pendulum / "corrected.yaml", tmp_path / "predicted.csv"
     corrected.write_text(yaml.safe_dump(rig.corrected(get_task("biased_pendulum").effects, "inverted_pendulum.urdf")))
-    code, said, err = call("simulate", "--rig", pendulum / "rig.yaml", "--recording", pendulum / "episode_00.csv", "--horizon", 0.4, "--out", out)
+    code, said, err = in_process("simulate", "--rig", pendulum / "rig.yaml", "--recording", pendulum / "episode_00.csv", "--horizon", 0.4, "--out", out)
     assert code == 0, err
     recorded, predicted = pd.read_csv(pendulum / "episode_00.csv"), pd.read_csv(out, float_precision="round_trip")
     assert list(predicted.columns) == ["time", "q_slider", "q_hinge", "dq_slider", "dq_hinge"]
@@ -88,7 +83,7 @@ def test_simulate_writes_the_prediction_and_how_far_it_is_off(pendulum: Path, tm
     assert sorted(path.name for path in tmp_path.iterdir()) == ["predicted.csv", "predicted.parquet"]
 
 
-def test_what_simulate_cannot_do_is_one_line(pendulum: Path, tmp_path: Path) -> None:
+def test_what_simulate_cannot_do_is_one_line(pendulum: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     rig, recording = pendulum / "rig.yaml", pendulum / "episode_00.csv"
     assert "nowhere.csv: not a readable CSV" in refused("simulate", "--rig", rig, "--recording", "nowhere.csv")
     for changes, says in (
@@ -168,7 +163,7 @@ def test_random_actions_are_smooth_and_within_the_limit() -> None:
         assert spectrum[np.fft.rfftfreq(2000, robot.dt) > 4].sum() < 0.02 * spectrum.sum()
 
 
-def test_wrong_settings_are_one_line(tmp_path: Path) -> None:
+def test_wrong_settings_are_one_line(tmp_path: Path, refused: Callable[..., str]) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
     assert "unknown task 'hoper'; choose one of" in refused("record", "--task", "hoper")
@@ -206,8 +201,8 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["record", "simulate"])
-def test_help_teaches(command: str) -> None:
-    code, out, _ = call(command, "--help")
+def test_help_teaches(command: str, in_process: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, _ = in_process(command, "--help")
     assert code == 0
     assert f"python -m mpge_bench {command} --" in out
     assert len(out.splitlines()) > 15

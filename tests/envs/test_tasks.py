@@ -24,6 +24,8 @@ from mpge_bench.envs.classic import CLASSICS
 from mpge_bench.envs.effects import effect_from_dict
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.robots import Robot
+from mpge_bench.envs.task import TRACKS
+from mpge_bench.harness.mismatch import stored_mismatches
 
 CLASSIC_IDS = {FAMILY_IDS[name] for name in CLASSICS}
 HAS_BOX2D = all(importlib.util.find_spec(package) for package in ("Box2D", "pygame"))
@@ -257,6 +259,26 @@ def test_every_pair_says_what_and_whence_it_is_as_plain_data() -> None:
     assert "slippery_hopper" in TASKS["high_friction_hopper"].note
 
 
+def test_every_pair_has_the_track_that_the_protocol_gives_it() -> None:
+    tracks = {track: {name for name, task in TASKS.items() if task.track == track} for track in TRACKS}
+    papers = {name for name, task in TASKS.items() if "MPGE" in task.citation or "GARAT" in task.citation}
+    assert tracks["control"] == {"high_friction_hopper"}
+    assert tracks["physics"] == {"ant_gravity", "delayed_cheetah", "tilted_cheetah"}
+    assert tracks["headline"] == papers - {"high_friction_hopper", "ant_gravity"} | {"laggy_walker", "loaded_walker"}
+    assert {name for name, task in TASKS.items() if task.development} == {"broken_hopper", "biased_pendulum"}
+    assert sum(map(len, tracks.values())) == len(TASKS)
+
+
+def test_the_physics_track_is_what_actions_make_up_for_by_less_than_half() -> None:
+    removable = {name: found.removable for name, found in stored_mismatches().items()}
+    assert all(removable[name] < 0.5 for name, task in TASKS.items() if task.track == "physics")
+
+
+def test_pairs_of_ones_own_have_neither_track_nor_development() -> None:
+    for task in (Task("mine", ROBOTS["hopper"], TASKS["broken_hopper"].effects, "", ""), get_task("multipolar_hopper_3")):
+        assert (task.track, task.development, task.severity) == ("", False, None)
+
+
 def test_a_task_that_is_not_there_is_refused_with_the_list() -> None:
     assert get_task("broken_hopper") is TASKS["broken_hopper"]
     with pytest.raises(UserError, match=r"'brokenhopper'.*biased_pendulum, broken_hopper"):
@@ -321,6 +343,8 @@ def test_the_ids_lead_to_source_and_target() -> None:
         env = gymnasium.make(name).unwrapped
         assert type(env.robot) is type(TASKS[task].robot)
         assert set(TASKS[task].effects) <= set(env.world.effects)
+    env = gymnasium.make(TARGET_IDS["broken_hopper"], severity=0.25).unwrapped
+    assert env.effects == get_task("broken_hopper@0.25").effects
     assert gymnasium.spec(SOURCE_IDS["hopper"]).max_episode_steps == 1000
     for family, name in FAMILY_IDS.items():
         if family in FAMILIES:

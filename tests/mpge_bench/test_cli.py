@@ -1,4 +1,4 @@
-"""The command line, run as a user does."""
+"""The command line: run as a user does, in a process of its own, and within this one where only what it says and writes is in question."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from mpge_bench.baselines.method import methods
+from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import TASKS
 from mpge_bench.policies import FOLDER
 
@@ -30,15 +30,7 @@ def call(*arguments, **options):
     return process.returncode, out, err
 
 
-def refused(*arguments):
-    code, out, err = call(*arguments)
-    assert code == 2
-    assert "Traceback" not in out + err
-    assert len(err.strip().splitlines()) == 1, err
-    return err
-
-
-def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path):
+def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path, in_process, refused):
     arguments = ("run", "--task", "biased_pendulum", "--method", "mpge", "--samples", 50, "--preset", "smoke")
     arguments += ("--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2)
     code, out, err = call(*arguments)
@@ -48,10 +40,10 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path):
     assert "grounding × 2: done, 1,024 steps" in err
     assert "agent in the grounded source: done, 256 steps" in err
     assert "pybullet build time" not in out + err
-    code, out, _ = call(*arguments)
+    code, out, _ = in_process(*arguments)
     assert code == 0
     assert "already" in out
-    code, out, _ = call("leaderboard", tmp_path / "out", "--markdown", "--plots", tmp_path / "plots")
+    code, out, _ = in_process("leaderboard", tmp_path / "out", "--markdown", "--plots", tmp_path / "plots")
     assert code == 0
     assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["curves-development.png", "grounded-development.png", "returns-development.png"]
     (tmp_path / "file").write_text("")
@@ -60,10 +52,10 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path):
     assert "| biased_pendulum | 50 | smoke | mpge | T | 1 |" in out
 
 
-def test_sweep_goes_on_where_it_stopped_and_past_failures(policy_folder, tmp_path):
+def test_sweep_goes_on_where_it_stopped_and_past_failures(policy_folder, tmp_path, in_process):
     arguments = ["sweep", "--task", "biased_pendulum", "--method", "direct", "--samples", 50, "--preset", "smoke", "--policies", policy_folder]
     arguments += ["--out", tmp_path / "out", "--jobs", 1]
-    code, _, err = call(*arguments, "--seeds", 1)
+    code, _, err = in_process(*arguments, "--seeds", 1)
     assert code == 0, err
     stamp = (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed0/result.json").stat().st_mtime_ns
     code, _, err = call(*arguments, "--seeds", 2, "--task", "broken_hopper")
@@ -85,37 +77,50 @@ def test_sweep_names_a_method_that_fails_and_goes_on(policy_folder, tmp_path):
     assert [path.parent.relative_to(tmp_path / "out") for path in (tmp_path / "out").rglob("result.json")] == [Path("biased_pendulum/direct/n0/smoke/seed0")]
 
 
-def test_a_stored_result_is_run_again_with_its_settings(policy_folder, tmp_path):
+def test_a_stored_result_is_run_again_with_its_settings(policy_folder, tmp_path, in_process):
     arguments = ("run", "--task", "biased_pendulum", "--method", "ane", "--preset", "smoke", "--set", "agent.steps=0", "--set", "sweep=[0.3]")
-    code, out, err = call(*arguments, "--policies", policy_folder, "--out", tmp_path / "out")
+    code, out, err = in_process(*arguments, "--policies", policy_folder, "--out", tmp_path / "out")
     assert code == 0, err
     assert "oracle's choice" in out
     place = "biased_pendulum/ane/n0/smoke+agent.steps=0+sweep=0.3/seed0/result.json"
-    code, _, err = call("run", "--config", tmp_path / "out" / place, "--policies", policy_folder, "--out", tmp_path / "again")
+    code, _, err = in_process("run", "--config", tmp_path / "out" / place, "--policies", policy_folder, "--out", tmp_path / "again")
     assert code == 0, err
     first, second = (json.loads((tmp_path / folder / place).read_text()) for folder in ("out", "again"))
     assert first["settings"]["sweep"] == [0.3]
     assert all(first[key] == second[key] for key in ("settings", "overrides", "returns", "oracle"))
 
 
-def test_tasks_and_methods_are_listed():
-    code, out, _ = call("tasks")
+def test_tasks_and_methods_are_listed(in_process):
+    code, out, _ = in_process("tasks")
     assert code == 0
     assert all(name in out for name in TASKS)
-    code, out, _ = call("methods")
+    code, out, _ = in_process("methods")
     assert code == 0
     # A cell may take several lines.
-    assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split()))
+    assert all(word in out for name, method in methods().items() for word in (name, *method.citation.split(), *method.access))
+
+
+def test_methods_are_plain_data_for_programs():
+    code, out, _ = call("methods", "--json")
+    assert code == 0
+    found = {one["name"]: one for one in json.loads(out)}
+    assert list(found) == list(methods())
+    assert (found["ane"]["access"], found["ane"]["samples"]) == ([], False)
+    assert (found["scratch"]["access"], found["scratch"]["samples"]) == (["rewards", "transitions"], True)
+    assert found["mpge"]["settings"]["ensemble"] == 5
+    code, out, _ = call("methods", "gat", "--json")
+    assert json.loads(out) == [found["gat"]]
+    assert "unknown method 'gta'; choose one of" in refused("methods", "gta")
 
 
 @pytest.mark.parametrize("command", ["run", "sweep", "train-policies", "leaderboard", "render", "tasks"])
-def test_help_teaches(command):
-    code, out, _ = call(command, "--help")
+def test_help_teaches(command, in_process):
+    code, out, _ = in_process(command, "--help")
     assert code == 0
     assert len(out.splitlines()) > 8
 
 
-def test_wrong_names():
+def test_wrong_names(refused):
     assert "unknown task 'hoper'; choose one of: biased_pendulum, broken_hopper" in refused("run", "--task", "hoper")
     assert "unknown method 'mgpe'; choose one of" in refused("run", "--method", "mgpe")
     assert "unknown preset 'quick'; choose one of: smoke, standard, paper" in refused("run", "--preset", "quick")
@@ -125,12 +130,19 @@ def test_wrong_names():
     assert "no result.json below it" in refused("leaderboard", "nowhere")
 
 
-def test_too_few_samples(policy_folder):
+def test_a_mistake_ends_with_one_line_and_status_2():
+    code, out, err = call("run", "--task", "hoper")
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert err.startswith("mpge_bench: unknown task 'hoper'")
+
+
+def test_too_few_samples(policy_folder, refused):
     err = refused("run", "--task", "biased_pendulum", "--samples", 4, "--policies", policy_folder)
     assert "4 target samples are too few for 5 rollout policies; give --samples 5 or more" in err
 
 
-def test_missing_and_corrupt_policies(policy_folder, tmp_path):
+def test_missing_and_corrupt_policies(policy_folder, tmp_path, refused):
     arguments = ("run", "--task", "biased_pendulum", "--preset", "smoke", "--policies", policy_folder, "--out", tmp_path / "out")
     path = policy_folder / "inverted_pendulum/source_3.safetensors"
     path.write_bytes(path.read_bytes()[:100])
@@ -141,11 +153,11 @@ def test_missing_and_corrupt_policies(policy_folder, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_policies_not_shipped_yet_name_the_command_that_makes_them(tmp_path):
+def test_policies_not_shipped_yet_name_the_command_that_makes_them(tmp_path, refused):
     assert "train-policies --task broken_cheetah" in refused("run", "--task", "broken_cheetah", "--policies", tmp_path)
 
 
-def test_unwritable_output(policy_folder, tmp_path):
+def test_unwritable_output(policy_folder, tmp_path, refused):
     blocked = tmp_path / "file"
     blocked.write_text("")
     err = refused("run", "--task", "biased_pendulum", "--preset", "smoke", "--policies", policy_folder, "--out", blocked)
@@ -184,8 +196,8 @@ def test_tasks_for_programs(tmp_path):
     assert entries["broken_hopper"]["effects"] == [{"effect": "torque_gain", "target": "thigh_joint", "gain": 0.0}]
 
 
-def test_a_pairs_page():
-    code, out, _ = call("tasks", "broken_hopper")
+def test_a_pairs_page(in_process):
+    code, out, _ = in_process("tasks", "broken_hopper")
     assert code == 0
     assert "torque_gain on thigh_joint: gain 0" in out
     assert "Lee et al. 2022" in out
@@ -194,10 +206,10 @@ def test_a_pairs_page():
     assert "Port of Gym's Hopper" in out
 
 
-def test_a_pair_of_ones_own_from_file_to_result(tmp_path):
+def test_a_pair_of_ones_own_from_file_to_result(tmp_path, in_process, refused):
     pair = tmp_path / "weak.yaml"
     pair.write_text("robot: inverted_pendulum\neffects:\n  - {effect: torque_gain, target: slider, gain: 0.5}\n")
-    code, out, err = call("tasks", pair, "--json")
+    code, out, err = in_process("tasks", pair, "--json")
     assert code == 0, err
     page = json.loads(out)
     assert (page["name"], page["mismatch"]["closed_form"]) == ("weak", True)
@@ -207,7 +219,7 @@ def test_a_pair_of_ones_own_from_file_to_result(tmp_path):
     (tmp_path / "policies/weak").mkdir(parents=True)
     for seed in range(3):
         shutil.copy(FOLDER / "biased_pendulum" / f"target_{seed}.safetensors", tmp_path / "policies/weak")
-    code, _, err = call(*arguments)
+    code, _, err = in_process(*arguments)
     assert code == 0, err
     result = json.loads((tmp_path / "out/weak/direct/n0/smoke/seed0/result.json").read_text())
     assert result["task"] == "weak"
@@ -216,7 +228,7 @@ def test_a_pair_of_ones_own_from_file_to_result(tmp_path):
     assert "holds the result of another pair called weak" in refused(*arguments)
 
 
-def test_a_pair_of_ones_own_that_is_not_right(tmp_path):
+def test_a_pair_of_ones_own_that_is_not_right(tmp_path, refused):
     pair = tmp_path / "pair.yaml"
     pair.write_text("robot: hopper\neffects:\n  - {effect: torque_gain, target: knee, gain: 0.5}\n")
     err = refused("run", "--task", pair)

@@ -13,8 +13,8 @@ import pytest
 from filelock import FileLock
 from safetensors.numpy import load_file
 
-from mpge_bench.baselines.method import get_method
 from mpge_bench.baselines.mpg import MPG
+from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, present_result, read_result, remove_remains, run, stored_run
 from mpge_bench.leaderboard import collect

@@ -1,0 +1,356 @@
+"""PPO (Schulman et al. 2017) of a small Gaussian policy in numpy: stable-baselines3's algorithm, step by step, at several times its speed.
+
+A network of two layers of 64 is so small that torch spends most of its time on the way to the arithmetic and back; `benchmarks/train_speed.py` has the
+figures. A test holds an update against stable-baselines3's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv
+
+from mpge_bench.baselines.policy import CLIP, LOG_STD_RANGE
+from mpge_bench.baselines.workers import Advance
+
+Floats = npt.NDArray[np.float32]
+#: Share of the learning rate that is left at the end; it falls linearly.
+_FINAL_RATE = 0.1
+#: As in stable-baselines3: what the value's loss counts, the largest norm of a gradient, the largest scaled reward.
+_VALUE_COEFFICIENT, _GRADIENT_NORM, _REWARD_CLIP = 0.5, 0.5, 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOSettings:
+    """Hyperparameters of PPO; `worlds` run side by side, `rollout_steps` of each make a batch.
+
+    Attributes:
+        initial_std: standard deviation, in units of the action limit, with which exploration begins.
+        width: of both hidden layers of actor and critic.
+    """
+
+    worlds: int = 16
+    rollout_steps: int = 128
+    batch_size: int = 256
+    epochs: int = 8
+    learning_rate: float = 3e-4
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    entropy_coefficient: float = 0.0
+    initial_std: float = 0.5
+    width: int = 64
+
+
+class _Adam:
+    """Adam (Kingma & Ba 2015) on one vector, with torch's order of operations and stable-baselines3's ε."""
+
+    _BETA: ClassVar = (0.9, 0.999)
+    _EPSILON = 1e-5
+
+    def __init__(self, size: int) -> None:
+        self._mean, self._square = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        self._scratch = np.zeros(size, np.float32)
+        self._count = 0
+
+    def step(self, values: Floats, gradient: Floats, rate: float) -> None:
+        """Move `values`, in place, against `gradient`."""
+        self._count += 1
+        first, second = self._BETA
+        mean, square, scratch = self._mean, self._square, self._scratch
+        mean *= first
+        mean += np.multiply(gradient, 1 - first, out=scratch)
+        square *= second
+        np.multiply(gradient, gradient, out=scratch)
+        scratch *= 1 - second
+        square += scratch
+        np.sqrt(square, out=scratch)
+        scratch /= np.sqrt(1 - second**self._count)
+        scratch += self._EPSILON
+        np.divide(mean, scratch, out=scratch)
+        scratch *= rate / (1 - first**self._count)
+        values -= scratch
+
+
+class ActorCritic:
+    """Actor and critic of two tanh layers each, all parameters in one vector; the numpy twin of `GaussianPolicy`, under the same names.
+
+    Attributes:
+        values: all parameters, (p,).
+        arrays: the same by name, as views of `values`.
+    """
+
+    def __init__(self, observation_size: int, action_size: int, width: int, rng: np.random.Generator) -> None:
+        sizes = {f"mlp_extractor.{side}_net.{layer}": (width, width if layer else observation_size) for side in ("policy", "value") for layer in (0, 2)}
+        sizes |= {"action_net": (action_size, width), "log_std_net": (action_size, width), "value_net": (1, width)}
+        shapes = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
+        self.values = np.zeros(sum(int(np.prod(shape)) for shape in shapes.values()), np.float32)
+        self._gradient = np.zeros_like(self.values)
+        self.arrays, self._slopes = (_views(vector, shapes) for vector in (self.values, self._gradient))
+        gains = {"action_net": 0.01, "log_std_net": 0.0, "value_net": 1.0}
+        for name, size in sizes.items():
+            self.arrays[f"{name}.weight"][:] = gains.get(name, np.sqrt(2)) * _orthogonal(size, rng)
+
+    def _hidden(self, x: Floats, side: str) -> tuple[Floats, Floats]:
+        layers, found = self.arrays, []
+        for layer in (0, 2):
+            x = x @ layers[f"mlp_extractor.{side}_net.{layer}.weight"].T
+            x += layers[f"mlp_extractor.{side}_net.{layer}.bias"]
+            np.tanh(x, out=x)
+            found.append(x)
+        return found[0], found[1]
+
+    def _head(self, x: Floats, name: str) -> Floats:
+        found: Floats = x @ self.arrays[f"{name}.weight"].T + self.arrays[f"{name}.bias"]
+        return found
+
+    def act(self, x: Floats) -> tuple[Floats, Floats]:
+        """Mean and logarithm of the standard deviation, both (n, actuators) and in units of the action limit, at scaled observations (n, o)."""
+        hidden = self._hidden(x, "policy")[1]
+        return self._head(hidden, "action_net"), np.clip(self._head(hidden, "log_std_net"), *LOG_STD_RANGE)
+
+    def value(self, x: Floats) -> Floats:
+        """Values (n,) at scaled observations (n, o)."""
+        return self._head(self._hidden(x, "value")[1], "value_net")[:, 0]
+
+    def gradient(self, x: Floats, actions: Floats, old: Floats, advantages: Floats, returns: Floats, settings: PPOSettings) -> Floats:
+        """Gradient (p,) of PPO's loss on a minibatch of b, as in stable-baselines3's `PPO.train`; a view that the next call overwrites.
+
+        Args:
+            x: scaled observations (b, o).
+            actions: in units of the action limit, (b, actuators).
+            old: logarithms of the probabilities with which they were chosen (b,).
+            advantages, returns: (b,).
+        """
+        count = np.float32(1 / len(x))
+        first, second = self._hidden(x, "policy")
+        mean, raw = self._head(second, "action_net"), self._head(second, "log_std_net")
+        log_std = np.clip(raw, *LOG_STD_RANGE)
+        std = np.exp(log_std)
+        distance = (actions - mean) / std
+        ratio = np.exp(_log_probability(distance, log_std) - old)
+        advantages = (advantages - advantages.mean()) / (advantages.std(ddof=1) + np.float32(1e-8))
+        # The minimum of ratio and clipped ratio times advantage has no slope where the clipped one is the smaller.
+        low, high = 1 - settings.clip_range, 1 + settings.clip_range
+        slope = np.where(advantages > 0, ratio <= high, ratio >= low) * ratio * advantages * -count
+        to_mean = slope[:, None] * distance / std
+        to_log_std = slope[:, None] * (distance * distance - 1) - np.float32(settings.entropy_coefficient) * count
+        to_log_std *= log_std == raw
+        back = self._back(second, to_mean, "action_net") + self._back(second, to_log_std, "log_std_net")
+        self._back_hidden(x, first, second, back, "policy")
+        first, second = self._hidden(x, "value")
+        missed = (self._head(second, "value_net")[:, 0] - returns) * (2 * _VALUE_COEFFICIENT * count)
+        self._back_hidden(x, first, second, self._back(second, missed[:, None].astype(np.float32), "value_net"), "value")
+        norm = float(np.sqrt(self._gradient @ self._gradient))
+        if norm > _GRADIENT_NORM:
+            self._gradient *= np.float32(_GRADIENT_NORM / (norm + 1e-6))
+        return self._gradient
+
+    def _back(self, x: Floats, slope: Floats, name: str) -> Floats:
+        """Write the layer's gradient and return that of its input."""
+        np.dot(slope.T, x, out=self._slopes[f"{name}.weight"])
+        np.sum(slope, axis=0, out=self._slopes[f"{name}.bias"])
+        found: Floats = slope @ self.arrays[f"{name}.weight"]
+        return found
+
+    def _back_hidden(self, x: Floats, first: Floats, second: Floats, slope: Floats, side: str) -> None:
+        slope *= 1 - second * second
+        slope = self._back(first, slope, f"mlp_extractor.{side}_net.2")
+        slope *= 1 - first * first
+        np.dot(slope.T, x, out=self._slopes[f"mlp_extractor.{side}_net.0.weight"])
+        np.sum(slope, axis=0, out=self._slopes[f"mlp_extractor.{side}_net.0.bias"])
+
+
+def _views(vector: Floats, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+    ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
+    return {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), np.split(vector, ends[:-1]), strict=True)}
+
+
+def _orthogonal(shape: tuple[int, int], rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """A random matrix of orthogonal rows or columns (Saxe et al. 2014), as torch makes it."""
+    tall = rng.standard_normal((max(shape), min(shape)))
+    q, r = np.linalg.qr(tall)
+    q *= np.sign(np.diag(r))
+    return q if shape[0] >= shape[1] else q.T
+
+
+def _log_probability(distance: Floats, log_std: Floats) -> Floats:
+    """Of actions `distance` standard deviations off the mean, (n,)."""
+    found: Floats = -(np.float32(0.5) * distance * distance + log_std).sum(1) - np.float32(0.5 * np.log(2 * np.pi) * distance.shape[1])
+    return found
+
+
+@dataclass
+class _Rollout:
+    """What a batch of T steps of n worlds holds; all (T, n, ...)."""
+
+    observations: Floats
+    actions: Floats
+    log_probabilities: Floats
+    rewards: Floats
+    values: Floats
+    #: Whether the episode went on after the step.
+    goes_on: Floats
+
+
+class PPO:
+    """A PPO agent in `worlds`.
+
+    Args:
+        worlds: where it acts; its own.
+        settings: hyperparameters.
+        seed: of the network's initial weights, of the action noise and of the minibatches.
+        start: weights by name to start from, the input statistics among them then kept, the noise set to `initial_std`; None starts from scratch.
+        log_dir: where TensorBoard curves go.
+
+    Attributes:
+        steps: control steps taken so far.
+        episodes: control steps taken so far and return of each episode that ended, in order.
+    """
+
+    def __init__(
+        self, worlds: VecEnv, settings: PPOSettings, seed: int, *, start: Mapping[str, npt.NDArray[Any]] | None = None, log_dir: Path | None = None
+    ) -> None:
+        self.settings = settings
+        self.limit = float(worlds.action_space.high[0])  # type: ignore[attr-defined]
+        self.rng = np.random.default_rng(seed)
+        (observations,), (actions,) = worlds.observation_space.shape, worlds.action_space.shape  # type: ignore[misc]
+        self.network = ActorCritic(observations, actions, settings.width, self.rng)
+        self._scale: RunningMeanStd | None = None if start is not None else RunningMeanStd(shape=(observations,))
+        self.mean, self.std = np.zeros(observations), np.ones(observations)
+        if start is not None:
+            self.scale_inputs_as(start)
+            for name, array in self.network.arrays.items():
+                array[:] = start[name]
+        # A trained policy hardly explores any more; to learn another gait it must.
+        self.network.arrays["log_std_net.weight"][:] = 0
+        self.network.arrays["log_std_net.bias"][:] = np.log(settings.initial_std)
+        self._adam = _Adam(self.network.values.size)
+        self._reward_scale = RunningMeanStd(shape=())
+        self._log_dir, self._logger = log_dir, None
+        self._begin(worlds)
+        self.steps = 0
+        self.episodes: list[tuple[int, float]] = []
+
+    def _begin(self, worlds: VecEnv | None) -> None:
+        self.worlds = worlds
+        self._states: npt.NDArray[Any] | None = None
+        self._discounted = np.zeros(worlds.num_envs if worlds else 0)
+
+    def paused(self) -> PPO:
+        """The agent without its worlds, to be sent to another process; they stay the caller's to close."""
+        self._begin(None)
+        self._logger = None
+        return self
+
+    def resumed(self, worlds: VecEnv) -> PPO:
+        """A paused agent going on in `worlds`, where new episodes begin."""
+        self._begin(worlds)
+        return self
+
+    def scale_inputs_as(self, weights: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Use the input statistics among `weights`, and learn no others."""
+        self.mean, self.std = (np.asarray(weights[f"features_extractor.{name}"], float) for name in ("mean", "std"))
+        self._scale = None
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Weights and input statistics by name, as copies; a state dict of `GaussianPolicy`'s."""
+        scale = {"features_extractor.mean": self.mean.astype(np.float32), "features_extractor.std": self.std.astype(np.float32)}
+        return scale | {name: array.copy() for name, array in self.network.arrays.items()}
+
+    def learn(self, until: int, total: int, advance: Advance) -> None:
+        """Learn until `until` control steps have been taken in all, in whole batches; the learning rate falls over `total` steps."""
+        while self.steps < until:
+            rollout, last = self.collect(advance)
+            self.update(rollout, last, max(1 - self.steps / total, _FINAL_RATE))
+            self._log()
+
+    def _scaled(self, observations: npt.NDArray[Any]) -> Floats:
+        found: Floats = np.clip((observations - self.mean) / self.std, -CLIP, CLIP).astype(np.float32)
+        return found
+
+    def collect(self, advance: Advance) -> tuple[_Rollout, Floats]:
+        """Act for a batch; what happened, and the values (n,) of the states that it ended in."""
+        assert self.worlds is not None
+        settings, count = self.settings, self.worlds.num_envs
+        shape = (settings.rollout_steps, count)
+        rollout = _Rollout(*(np.zeros((*shape, *size), np.float32) for size in ((self.mean.size,), (self.worlds.action_space.shape), (), (), (), ())))
+        seen = np.zeros((*shape, self.mean.size))
+        if self._states is None:
+            self._states = np.asarray(self.worlds.reset())
+        for step in range(settings.rollout_steps):
+            seen[step] = self._states
+            x = self._scaled(self._states)
+            mean, log_std = self.network.act(x)
+            noise = self.rng.standard_normal(mean.shape, np.float32)
+            action = mean + np.exp(log_std) * noise
+            rollout.observations[step], rollout.actions[step] = x, action
+            rollout.log_probabilities[step], rollout.values[step] = _log_probability(noise, log_std), self.network.value(x)
+            self._states, rewards, dones, infos = self.worlds.step(np.clip(action, -1, 1) * self.limit)  # type: ignore[assignment]
+            self.steps += count
+            rollout.rewards[step] = self._rewarded(rewards, dones, infos)
+            rollout.goes_on[step] = ~dones
+            advance(count)
+        assert self._states is not None
+        last = self.network.value(self._scaled(self._states))
+        if self._scale is not None:
+            # Not before: the update that follows compares with the probabilities of the policy that acted.
+            self._scale.update(seen.reshape(-1, self.mean.size))
+        return rollout, last
+
+    def _rewarded(self, rewards: npt.NDArray[Any], dones: npt.NDArray[Any], infos: list[dict[str, Any]]) -> npt.NDArray[Any]:
+        """Rewards in spreads of the discounted return; what an episode cut off by its time limit would still have brought is added."""
+        gamma = self.settings.gamma
+        self._discounted = self._discounted * gamma + rewards
+        self._reward_scale.update(self._discounted)
+        scaled: npt.NDArray[Any] = np.clip(rewards / np.sqrt(self._reward_scale.var + 1e-8), -_REWARD_CLIP, _REWARD_CLIP)
+        if dones.any():
+            self._discounted[dones] = 0
+            for index in np.flatnonzero(dones):
+                if "episode" in infos[index]:
+                    self.episodes.append((self.steps, infos[index]["episode"]["r"]))
+                if infos[index].get("TimeLimit.truncated"):
+                    scaled[index] += gamma * self.network.value(self._scaled(infos[index]["terminal_observation"][None]))[0]
+        return scaled
+
+    def update(self, rollout: _Rollout, last: Floats, share: float = 1.0) -> None:
+        """Learn from a batch, at `share` of the learning rate."""
+        settings = self.settings
+        advantages = self._advantages(rollout, last)
+        flat = [values.reshape(-1, *values.shape[2:]) for values in (rollout.observations, rollout.actions, rollout.log_probabilities)]
+        flat += [advantages.ravel(), (advantages + rollout.values).ravel()]
+        rate = settings.learning_rate * share
+        for _ in range(settings.epochs):
+            order = self.rng.permutation(len(flat[0]))
+            for begin in range(0, len(order), settings.batch_size):
+                picked = order[begin : begin + settings.batch_size]
+                gradient = self.network.gradient(*(values[picked] for values in flat), settings)
+                self._adam.step(self.network.values, gradient, rate)
+        if self._scale is not None:
+            self.mean, self.std = self._scale.mean.copy(), np.maximum(np.sqrt(self._scale.var), 1e-6)
+
+    def _advantages(self, rollout: _Rollout, last: Floats) -> Floats:
+        """Generalised advantage estimates (Schulman et al. 2016), (T, n)."""
+        gamma, found = self.settings.gamma, np.zeros_like(rollout.rewards)
+        following, advantage = last, np.zeros_like(last)
+        for step in range(len(found) - 1, -1, -1):
+            missed = rollout.rewards[step] + gamma * following * rollout.goes_on[step] - rollout.values[step]
+            advantage = missed + gamma * self.settings.gae_lambda * rollout.goes_on[step] * advantage
+            found[step], following = advantage, rollout.values[step]
+        return found
+
+    def _log(self) -> None:
+        if self._log_dir:
+            self._logger = self._logger or configure(str(self._log_dir), ["tensorboard"])
+            recent = [value for _, value in self.episodes[-100:]]
+            if recent:
+                self._logger.record("rollout/ep_rew_mean", float(np.mean(recent)))
+            self._logger.record("train/std", float(np.exp(self.network.arrays["log_std_net.bias"]).mean()))
+            self._logger.dump(self.steps)

@@ -1,0 +1,46 @@
+"""One code path of the math libraries on every x86-64 machine, so that a seed gives the same result everywhere.
+
+numpy, OpenBLAS, MKL and torch choose among routines for the processor they find; these round differently, and learning carries a last bit into another
+policy. `fix` asks all of them for AVX2's, which every x86-64 processor since 2013 (AMD: 2015) has, and for one thread, since sums split over threads round
+differently, too. It acts through environment variables, which the libraries read while they are imported, and worker processes inherit.
+
+What is left: another version of a library (results name theirs), a processor without AVX2, and the C library's sine and the like, which PyBullet calls and
+which choose by the processor as well (with FMA or without).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+#: What each library is asked for. numpy's groups of instructions have had several names; those that a version does not know it ignores.
+_WANTED = {
+    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL",
+    "OPENBLAS_CORETYPE": "Haswell",
+    "MKL_CBWR": "AVX2",
+    "ATEN_CPU_CAPABILITY": "avx2",
+    "ONEDNN_MAX_CPU_ISA": "AVX2",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
+
+
+def fix() -> None:
+    """Ask for the common code path, but where the environment asks for another one already, or numpy was imported before."""
+    if "numpy" not in sys.modules and _has_avx2():
+        for name, value in _WANTED.items():
+            os.environ.setdefault(name, value)
+
+
+def is_fixed() -> bool:
+    """Whether this process runs on the common code path, as far as its environment tells."""
+    return all(os.environ.get(name) == value for name, value in _WANTED.items())
+
+
+def _has_avx2() -> bool:
+    try:
+        with open("/proc/cpuinfo") as file:
+            return any(line.startswith("flags") and " avx2 " in f"{line.strip()} " for line in file)
+    except OSError:
+        return False  # no Linux: the libraries choose
