@@ -45,11 +45,11 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path, i
     assert "already" in out
     code, out, _ = in_process("leaderboard", tmp_path / "out", "--markdown", "--plots", tmp_path / "plots")
     assert code == 0
-    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["curves.png", "returns.png"]
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == ["curves-development.png", "grounded-development.png", "returns-development.png"]
     (tmp_path / "file").write_text("")
     err = refused("leaderboard", tmp_path / "out", "--plots", tmp_path / "file" / "plots")
     assert "cannot be written to (Not a directory); choose another folder with --plots" in err
-    assert "| biased_pendulum | 50 | smoke | mpge | 1 |" in out
+    assert "| biased_pendulum | 50 | smoke | mpge | T | 1 |" in out
 
 
 def test_sweep_goes_on_where_it_stopped_and_past_failures(policy_folder, tmp_path, in_process):
