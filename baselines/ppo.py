@@ -98,12 +98,25 @@ class ActorCritic:
         sizes |= {"action_net": (action_size, width), "log_std_net": (action_size, width), "value_net": (1, width)}
         shapes: dict[str, tuple[int, ...]] = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
         shapes |= further or {}
+        self._shapes = shapes
         self.values = np.zeros(sum(int(np.prod(shape)) for shape in shapes.values()), np.float32)
-        self._gradient = np.zeros_like(self.values)
-        self.arrays, self._slopes = (_views(vector, shapes) for vector in (self.values, self._gradient))
+        self._look()
         gains = {"action_net": 0.01, "log_std_net": 0.0, "value_net": 1.0}
         for name, size in sizes.items():
             self.arrays[f"{name}.weight"][:] = gains.get(name, np.sqrt(2)) * _orthogonal(size, rng)
+
+    def _look(self) -> None:
+        """Make the views."""
+        self._gradient = np.zeros_like(self.values)
+        self.arrays, self._slopes = (_views(vector, self._shapes) for vector in (self.values, self._gradient))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A pickled view would come back as an array of its own.
+        return {name: value for name, value in self.__dict__.items() if name not in ("arrays", "_slopes", "_gradient")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._look()
 
     def _hidden(self, x: Array, side: str) -> tuple[Array, Array]:
         layers, found = self.arrays, []
