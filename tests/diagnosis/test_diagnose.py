@@ -17,6 +17,8 @@ from mpge_bench.diagnosis.recording import read_recordings
 from mpge_bench.diagnosis.rig import read_rig
 from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, TorqueGain, TorqueLimit, UnknownTorque
 
+from ..conftest import PATIENCE
+
 SECONDS, PERIOD = 5.0, 0.01
 PENDULUM = (
     '<robot name="rig"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.25"/><mass value="1"/>'
@@ -49,7 +51,7 @@ def write_case(folder: Path, effects: Sequence[Effect] = (), *, recordings: int 
 def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.8)])
     arguments = ["diagnose", "--rig", rig, "--recording", tmp_path / "train_*.csv", "--out", tmp_path / "report"]
-    done = subprocess.run([sys.executable, "-m", "mpge_bench", *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([sys.executable, "-m", "mpge_bench", *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     assert "hinge's motor delivers 80" in done.stdout
     data = json.loads((tmp_path / "report" / "diagnosis.json").read_text())
