@@ -21,6 +21,9 @@ from mpge_bench.envs import RobotEnv, get_task
 
 torch.set_num_threads(1)
 
+#: After this a process counts as hung, s: long, for a machine that is busy with other things.
+PATIENCE = 600
+
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """Single files and tests run in one process: workers would each import PyTorch first, which takes longer than they save. Folders take all cores."""

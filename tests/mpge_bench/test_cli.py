@@ -17,6 +17,8 @@ from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import TASKS
 from mpge_bench.policies import FOLDER
 
+from ..conftest import PATIENCE
+
 
 def start(*arguments, **options):
     return subprocess.Popen(
@@ -26,7 +28,7 @@ def start(*arguments, **options):
 
 def call(*arguments, **options):
     process = start(*arguments, **options)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=PATIENCE)
     return process.returncode, out, err
 
 
@@ -170,13 +172,13 @@ def test_ctrl_c_leaves_nothing_half_made(command, policy_folder, tmp_path):
     arguments = [command, "--task", "biased_pendulum", "--method", "mpge", "--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2]
     # Where tests run in the background, SIGINT is ignored, and so it would be in their children.
     process = start(*arguments, start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE
     while not list((tmp_path / "out").rglob("events.out.tfevents*")):
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.2)
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "interrupted" in err
     assert "Traceback" not in err
