@@ -11,13 +11,16 @@ import numpy as np
 import torch
 
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
-from mpge_bench.baselines.grounding.networks import Networks
+from mpge_bench.baselines.grounding.networks import Networks, stretches_of
 from mpge_bench.baselines.grounding.store import beside, part
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
+
+#: One in so many transitions is held out.
+_HELD_OUT = 5
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,9 @@ class GATSettings(RolloutSettings):
         source_samples: source transitions that the inverse model is trained on.
         smoothing: α; ã = α g(s, f(s, a)) + (1 − α) a.
         hidden: widths of both networks' layers.
-        updates, batch_size, learning_rate, weight_decay: of Adam on the squared error.
+        updates, batch_size, learning_rate, weight_decay: of Adam on the squared error; `updates` is the most there are.
+        patience: a fifth of the transitions, in stretches, is held out of both models' training, which ends after so many updates without an improvement on
+            them (`Networks.fit`); 0 for the released code's way, all updates on all transitions.
     """
 
     agent: AgentSettings
@@ -40,6 +45,7 @@ class GATSettings(RolloutSettings):
     batch_size: int = 256
     learning_rate: float = 0.01
     weight_decay: float = 0.01
+    patience: int = 200
 
 
 class GATTransformation:
@@ -92,6 +98,8 @@ class _Regression:
             learning_rate=settings.learning_rate,
             weight_decay=settings.weight_decay,
             seed=seed,
+            held_out=stretches_of(len(inputs), _HELD_OUT) % _HELD_OUT == 0 if settings.patience and len(inputs) >= _HELD_OUT else None,
+            patience=settings.patience,
         )
         return cls(network, mean, std)
 

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.inverse import REACHED, Solver
-from mpge_bench.baselines.grounding.networks import Networks
+from mpge_bench.baselines.grounding.networks import Networks, stretches_of
 from mpge_bench.baselines.grounding.store import beside, part
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array
@@ -272,7 +272,7 @@ class _Fitter:
         """The least capacity whose held-out loss none with more undercuts by more than two standard errors, and all their losses."""
         count, folds = len(self.target), self.settings.folds
         # Neighbouring samples are alike; stretches of them are held out together.
-        stretches = np.arange(count) * min(4 * folds, count) // count
+        stretches = stretches_of(count, folds)
         fold = stretches % folds
         held_out = {name: np.empty(count) for name in ("none", "linear", "networks")}
         held_out["none"] = self._loss(self.target.actions)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from sb3_contrib import TRPO
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
@@ -21,7 +22,6 @@ from mpge_bench.baselines.policy import Array, PolicySet, arrays
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.torch_agent import StepReport
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.baselines.workers import Advance, side_by_side
 from mpge_bench.envs import RobotEnv
@@ -62,6 +62,18 @@ class MPGSettings(RolloutSettings):
     grounding: GroundingSettings
     agent: AgentSettings
     ensemble: int = 1
+
+
+class _StepReport(BaseCallback):
+    """Tells `advance` of every step of `worlds` worlds."""
+
+    def __init__(self, advance: Advance, worlds: int) -> None:
+        super().__init__()
+        self.advance, self.worlds = advance, worlds
+
+    def _on_step(self) -> bool:
+        self.advance(self.worlds)
+        return True
 
 
 def ground(
@@ -111,7 +123,7 @@ def ground(
         device="cpu",
     )
     trpo.set_logger(configure(str(log_dir), ["tensorboard"]))
-    _, callback = trpo._setup_learn(settings.steps, StepReport(advance, settings.worlds))
+    _, callback = trpo._setup_learn(settings.steps, _StepReport(advance, settings.worlds))
     trpo.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
     discriminator = Discriminator(target, settings.discriminator, generator)
     checkpoints: dict[int, dict[str, Array]] = {}

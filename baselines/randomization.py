@@ -17,7 +17,6 @@ from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.vector import Identity
 from mpge_bench.envs import RobotEnv
 from mpge_bench.envs.effects import CATALOGUE, Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
@@ -162,5 +161,5 @@ class Randomization(Method):
         begun = time.monotonic()
         randomized = copy.copy(problem)
         randomized.source = functools.partial(RandomizedEnv, problem.robot, settings.ranges, settings.world_steps)
-        policy, steps = train_transfer(randomized, Identity(), settings.agent, seed, progress, log_dir)
+        policy, steps = train_transfer(randomized, None, settings.agent, seed, progress, log_dir, jobs, "agent in random worlds")
         return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun})

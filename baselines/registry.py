@@ -16,6 +16,7 @@ from mpge_bench.envs.errors import UserError
 ADDRESSES = {
     "direct": "mpge_bench.baselines.direct:Direct",
     "target_optimal": "mpge_bench.baselines.direct:TargetOptimal",
+    "perfect": "mpge_bench.baselines.direct:Perfect",
     "ane": "mpge_bench.baselines.ane:ANE",
     "rarl": "mpge_bench.baselines.rarl:RARL",
     "randomization": "mpge_bench.baselines.randomization:Randomization",
@@ -24,6 +25,7 @@ ADDRESSES = {
     "mpg": "mpge_bench.baselines.mpg:MPG",
     "mpge": "mpge_bench.baselines.mpge:MPGE",
     "inversion": "mpge_bench.baselines.inversion:Inversion",
+    "darc": "mpge_bench.baselines.darc:DARC",
     "finetune": "mpge_bench.baselines.finetune:FineTune",
     "scratch": "mpge_bench.baselines.multipolar:Scratch",
     "rpl": "mpge_bench.baselines.multipolar:RPL",

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Before NumPy and PyTorch are imported; what tests start, pytest-xdist's workers and the command line, inherits it.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Before NumPy and PyTorch are imported: it settles the code path of the math libraries, for what tests start, too.
+import mpge_bench  # noqa: F401  # isort: skip
 
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from mpge_bench.baselines.policy import Array
+from mpge_bench.baselines.policy import CLIP, Array
 from mpge_bench.baselines.problem import Transitions
 
 
@@ -31,11 +31,30 @@ class DiscriminatorSettings:
     gradient_penalty: float = 10.0
 
 
+class Inputs:
+    """What who tells transitions apart sees of them: s, a, s' − s, shape (n, o + k + o), scaled by the statistics of `reference` and cut off at ±10.
+
+    s' − s stands for s', an invertible change of variables without which the change of a step would be lost beside the spread of the states.
+    """
+
+    def __init__(self, reference: Transitions) -> None:
+        inputs = self._raw(reference)
+        self._mean, self._std = inputs.mean(0), np.maximum(inputs.std(0), 1e-6)
+
+    @staticmethod
+    def _raw(transitions: Transitions) -> Array:
+        change = transitions.next_observations - transitions.observations
+        return np.concatenate((transitions.observations, transitions.actions, change), axis=1)
+
+    def __call__(self, transitions: Transitions) -> torch.Tensor:
+        inputs = (self._raw(transitions) - self._mean) / self._std
+        return torch.as_tensor(np.clip(inputs, -CLIP, CLIP), dtype=torch.float32)
+
+
 class Discriminator:
     """Two tanh layers on (s, a, s'), trained on cross-entropy with a gradient penalty (Gulrajani et al. 2017) and an entropy bonus.
 
-    Inputs are normalised by the target's statistics; s' enters as s' − s, an invertible change of variables without which the change of a step would be lost
-    beside the spread of the states.
+    Inputs are scaled by the target's statistics (`Inputs`).
 
     Args:
         target: the target's transitions.
@@ -45,26 +64,16 @@ class Discriminator:
 
     def __init__(self, target: Transitions, settings: DiscriminatorSettings, generator: torch.Generator) -> None:
         self.settings, self.generator = settings, generator
-        inputs = self._inputs(target)
-        self._mean, self._std = inputs.mean(0), np.maximum(inputs.std(0), 1e-6)
-        self.target = self._normalised(target)
-        size, width = inputs.shape[1], settings.width
+        self.inputs = Inputs(target)
+        self.target = self.inputs(target)
+        size, width = self.target.shape[1], settings.width
         self.network = nn.Sequential(nn.Linear(size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh(), nn.Linear(width, 1))
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate)
-
-    @staticmethod
-    def _inputs(transitions: Transitions) -> Array:
-        change = transitions.next_observations - transitions.observations
-        return np.concatenate((transitions.observations, transitions.actions, change), axis=1)
-
-    def _normalised(self, transitions: Transitions) -> torch.Tensor:
-        inputs = (self._inputs(transitions) - self._mean) / self._std
-        return torch.as_tensor(np.clip(inputs, -10, 10), dtype=torch.float32)
 
     def update(self, transitions: Transitions) -> dict[str, float]:
         """One pass over grounded `transitions` in pieces of `batch_size`, each against as many of the target's; returns loss and accuracy."""
         settings, log = self.settings, {"loss": 0.0, "accuracy": 0.0}
-        grounded = self._normalised(transitions)
+        grounded = self.inputs(transitions)
         pieces = torch.split(torch.randperm(len(grounded), generator=self.generator), settings.batch_size)
         for piece in pieces:
             fake = grounded[piece]
@@ -94,7 +103,7 @@ class Discriminator:
         −h exp(h) (``fairl``; Ghasemipour et al. 2019; h is cut off at ±5), the critic's opposite, h again (``wail``; Xiao et al. 2019).
         """
         with torch.no_grad():
-            ratio = -self.network(self._normalised(transitions))[:, 0]
+            ratio = -self.network(self.inputs(transitions))[:, 0]
             if self.settings.divergence == "gail":
                 ratio = nn.functional.softplus(ratio)
             elif self.settings.divergence == "fairl":

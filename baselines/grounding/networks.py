@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -10,6 +12,38 @@ import torch
 from torch import nn
 
 from mpge_bench.baselines.policy import CLIP, Array
+
+#: Updates between two looks at the held-out examples.
+_EVERY = 20
+
+
+def stretches_of(count: int, folds: int) -> Array:
+    """Which stretch each of `count` examples in the order of time belongs to, (count,); there are four a fold.
+
+    Stretch number i is of fold i mod `folds`: neighbours, which are alike, are hardly ever in different folds.
+    """
+    stretches: Array = np.arange(count) * min(4 * folds, count) // count
+    return stretches
+
+
+class _Best:
+    """The weights with the least loss so far."""
+
+    def __init__(self, networks: nn.Module, loss: Callable[[], float]) -> None:
+        self.networks, self._loss, self._least = networks, loss, math.inf
+        self._weights = copy.deepcopy(networks.state_dict())
+        self.found_at = 0
+
+    def look(self, updates: int) -> int:
+        """Compare the present weights, `updates` old; how many updates ago the best were found."""
+        with torch.no_grad():
+            loss = self._loss()
+        if loss < self._least:
+            self._least, self._weights, self.found_at = loss, copy.deepcopy(self.networks.state_dict()), updates
+        return updates - self.found_at
+
+    def restore(self) -> None:
+        self.networks.load_state_dict(self._weights)
 
 
 class Networks(nn.Module):
@@ -54,27 +88,49 @@ class Networks(nn.Module):
         learning_rate: float,
         weight_decay: float,
         seed: int,
+        held_out: Array | None = None,
+        patience: int = 0,
     ) -> None:
-        """Adam, its learning rate falling to nothing, on the mean of `loss`, weighed by `shares`.
+        """Adam, its learning rate falling to nothing along a cosine, on the mean of `loss`, weighed by `shares`.
+
+        With `held_out` examples, which are not trained on, the weights that do best on them are kept; once none were better for `patience` updates, training
+        goes back to the best, and the rate falls to nothing within `patience` more: what stops early has settled, too.
 
         Args:
             inputs: examples (n, i).
             loss: of predictions (members, b, outputs) for the examples with indices (b,): losses (members, b).
             shares: weight of each example for each member, (members, n).
-            updates, batch_size, learning_rate, weight_decay: Adam's.
+            updates, batch_size, learning_rate, weight_decay: Adam's; `updates` is the most there are before the last `patience`.
             seed: of the batches.
+            held_out: which examples these are, (n,); none if not given.
+            patience: updates.
         """
         generator = torch.Generator().manual_seed(seed)
         x, weight = torch.as_tensor(inputs, dtype=torch.float32), torch.as_tensor(shares, dtype=torch.float32)
+        held = torch.as_tensor(np.flatnonzero(held_out) if held_out is not None else [], dtype=torch.int64)
+        kept = torch.as_tensor(np.flatnonzero(~held_out) if held_out is not None else np.arange(len(x)))
         optimizer = torch.optim.Adam(self.parameters(), lr=learning_rate, weight_decay=weight_decay)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
-        for _ in range(updates):
-            index = torch.arange(len(x)) if batch_size >= len(x) else torch.randint(len(x), (batch_size,), generator=generator)
-            losses = (loss(self(x[index]), index) * weight[:, index]).mean(1)
-            optimizer.zero_grad()
-            losses.sum().backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            schedule.step()
+        best = _Best(self, lambda: float((loss(self(x[held]), held) * weight[:, held]).mean(1).sum()) if len(held) else 0.0)
+
+        def descend(rate: float, count: int, patience: int) -> float:
+            """`count` updates, `rate` falling along a cosine, or fewer if none is better for `patience`; the rate at the end."""
+            best.found_at = 0
+            for done in range(count):
+                optimizer.param_groups[0]["lr"] = 0.5 * rate * (1 + math.cos(math.pi * done / count))
+                index = kept if batch_size >= len(kept) else kept[torch.randint(len(kept), (batch_size,), generator=generator)]
+                losses = (loss(self(x[index]), index) * weight[:, index]).mean(1)
+                optimizer.zero_grad()
+                losses.sum().backward()  # type: ignore[no-untyped-call]
+                optimizer.step()
+                if len(held) and (done + 1) % _EVERY == 0 and best.look(done + 1) >= patience:
+                    break
+            return float(optimizer.param_groups[0]["lr"])
+
+        rate = descend(learning_rate, updates, patience)
+        if len(held):
+            best.restore()
+            descend(rate, patience, patience)
+            best.restore()
 
     def predict(self, inputs: Array) -> Array:
         """Outputs of all members as float64, (members, n, outputs)."""

@@ -90,7 +90,8 @@ def presets_of(name: str | Path | None) -> list[str]:
 def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[str, Any]:
     """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
-    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's. It may have presets of its own beside `PRESETS`.
+    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's. It may
+    have presets of its own beside `PRESETS`.
 
     Args:
         name: None for a method without a file, whose settings' defaults hold.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from mpge_bench.baselines.grounding.inverse import Solution, Solver
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.problem import Transitions
 from mpge_bench.baselines.vector import Identity, Transformation, Worlds
-from mpge_bench.envs import RobotEnv, Task
+from mpge_bench.envs import Task
 from mpge_bench.harness.optimal import Twin, state_spread, whole_state
 
 ERROR_STEPS = 2048

@@ -42,7 +42,7 @@ def test_reward_is_minus_log_d():
     discriminator, _ = _trained(1.0)
     transitions = _transitions(0.5, 4, 10)
     with torch.no_grad():
-        grounded = torch.sigmoid(discriminator.network(discriminator._normalised(transitions)))[:, 0]
+        grounded = torch.sigmoid(discriminator.network(discriminator.inputs(transitions)))[:, 0]
     np.testing.assert_allclose(discriminator.reward(transitions), -torch.log(grounded).numpy(), rtol=1e-5)
 
 
