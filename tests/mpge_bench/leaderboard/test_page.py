@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
@@ -43,10 +44,10 @@ def test_page_plots_and_store_are_what_the_results_say(made, few_resamples):
     update(made)
     text = made.page.read_text()
     row = "| one | 10 | standard | m | T | 2 | 0.50 (0.50, 0.50) | 5 | 0 | 9 | 10 | 2.0 |"
-    assert text.index("## Development pairs") < text.index(row) < text.index("physics")
+    assert text.index("## Development pairs") < text.index(row) < text.index("## Test pairs, physics track")
     assert "8 runs on 2 pairs." in text
     assert {path.name for path in made.plots.iterdir()} == {"returns-development.png", "returns-physics.png"}
-    assert all(f"](plots/{path.name})" in text for path in made.plots.iterdir())
+    assert set(re.findall(r"\]\(plots/(.+?)\)", text)) == {path.name for path in made.plots.iterdir()}
     assert json.loads(made.store.read_text())["one"] == {"mean": 9.0, "normalized": 0.9, "seeds": 2, "fingerprints": {"robot": "aa", "pair": "bb"}}
     assert texts(collect(made.results), made) == {made.page: text, made.store: made.store.read_text()}
 
@@ -108,3 +109,4 @@ def test_the_projects_page_is_what_its_results_say():
     """Else: python -m mpge_bench leaderboard --update."""
     for path, text in texts(collect(OWN.results), OWN).items():
         assert path.read_text() == text, f"{path.name} is not that of the results: python -m mpge_bench leaderboard --update"
+    assert {path.name for path in OWN.plots.glob("*.png")} == set(re.findall(r"\]\(plots/(.+?)\)", OWN.page.read_text()))
