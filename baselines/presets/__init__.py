@@ -90,7 +90,8 @@ def presets_of(name: str | Path | None) -> list[str]:
 def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[str, Any]:
     """The hyperparameters in the file `name` (in this folder, unless it is a path) under `preset`: those for all tasks, overridden by those for `task`.
 
-    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's. It may have presets of its own beside `PRESETS`.
+    A pair at another severity has those of the registered pair. A file may say ``inherits: other`` and then holds only what differs from the other's. It may
+    have presets of its own beside `PRESETS`.
 
     Args:
         name: None for a method without a file, whose settings' defaults hold.
@@ -168,6 +169,8 @@ def _value(hint: Any, value: Any, key: str) -> Any:
         if value not in get_args(hint):
             raise UserError(f"setting {key} is {value!r}; choose one of: {', '.join(map(str, get_args(hint)))}")
         return value
+    if hint is bool and not isinstance(value, bool):
+        raise UserError(f"setting {key} takes true or false, not {value!r}")
     if get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
             raise UserError(f"setting {key} takes a list, such as [0.1, 0.2], not {value!r}")
