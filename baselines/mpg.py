@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
-from sb3_contrib import TRPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
-from mpge_bench.baselines.grounding.transformation import LearntTransformation, TransformationPolicy
+from mpge_bench.baselines.grounding.learner import LEARNERS
+from mpge_bench.baselines.grounding.transformation import LearntTransformation
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Array, PolicySet, arrays
 from mpge_bench.baselines.presets import RolloutSettings
@@ -36,10 +38,20 @@ class GroundingSettings:
     batch_size: int = 2048
     #: πg starts as a = ã with this standard deviation, in units of its range (the full width of the action range).
     initial_std: float = 0.1
+    #: What πg learns by: ``trpo``, whose largest step is `target_kl`, or ``ppo``, whose ratios are clipped at `clip_range`.
+    algorithm: Literal["trpo", "ppo"] = "trpo"
+    gamma: float = 0.0
+    gae_lambda: float = 0.95
     target_kl: float = 0.01
+    #: PPO's alone, as are the next three; TRPO learns its values alone by gradients.
+    clip_range: float = 0.1
+    learning_rate: float = 3e-4
+    minibatches: int = 2
+    epochs: int = 1
     #: What a change of the action costs πg, times ‖ã − a‖² / range²: where the target's samples say nothing (a joint at its end stop), none is made.
     change_cost: float = 0.0
-    #: Share of `target_kl` and `change_cost` left at the end. They fall linearly: the noise of the last updates does not stay in πg, nor the cost's bias.
+    #: Share of `target_kl` (`clip_range`) and of `change_cost` left at the end. They fall linearly: the noise of the last updates does not stay in πg, nor
+    #: the cost's bias.
     final_share: float = 1.0
     value_learning_rate: float = 1e-3
     value_updates: int = 5
@@ -80,6 +92,7 @@ def ground(
     source: Callable[[], RobotEnv],
     rollouts: PolicySet,
     target: Transitions,
+    shares: Sequence[int],
     settings: GroundingSettings,
     seed: int,
     log_dir: Path,
@@ -87,12 +100,12 @@ def ground(
 ) -> dict[int, dict[str, Array]]:
     """Algorithm 1 of Lee et al. 2022: learn πg so that D cannot tell grounded transitions from the target's.
 
-    With one rollout policy it is GARAT (Desai et al. 2020) with γ = 0. The numbers are the algorithm's lines.
+    With one rollout policy it is GARAT (Desai et al. 2020), with γ = 0 as MPGE's authors ran it. The numbers are the algorithm's lines.
 
     Args:
         source: makes source environments.
         rollouts: π1..πK.
-        target: the demonstrations B1,trg..BK,trg, together.
+        target: the demonstrations B1,trg..BK,trg, together, and `shares`, how many are of each.
         settings: hyperparameters.
         seed: of everything random here.
         log_dir: for TensorBoard curves.
@@ -106,51 +119,42 @@ def ground(
     # 2, 6-8: at each episode's start Worlds draws i, the index of the rollout policy.
     mdp = AugmentedMDP(worlds, rollouts, seed)
     # 1: πg with its K value heads, and one discriminator for all.
-    trpo = TRPO(
-        TransformationPolicy,
-        mdp,
-        gamma=0.0,
-        gae_lambda=0.95,
-        n_steps=settings.batch_size // settings.worlds,
-        batch_size=settings.batch_size // 4,
-        target_kl=settings.target_kl,
-        cg_max_steps=15,
-        cg_damping=0.1,
-        n_critic_updates=settings.value_updates,
-        learning_rate=settings.value_learning_rate,
-        policy_kwargs={"heads": len(rollouts), "width": settings.width, "initial_std": settings.initial_std},
-        seed=seed,
-        device="cpu",
-    )
-    trpo.set_logger(configure(str(log_dir), ["tensorboard"]))
-    _, callback = trpo._setup_learn(settings.steps, _StepReport(advance, settings.worlds))
-    trpo.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
-    discriminator = Discriminator(target, settings.discriminator, generator)
+    learner = LEARNERS[settings.algorithm](mdp, settings, seed)
+    learner.set_logger(configure(str(log_dir), ["tensorboard"]))
+    _, callback = learner._setup_learn(settings.steps, _StepReport(advance, settings.worlds))
+    learner.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
+    discriminator = Discriminator(target, settings.discriminator, generator, shares)
     checkpoints: dict[int, dict[str, Array]] = {}
     for batch in range(1, _batches(settings) + 1):  # 3
         # 4-12: roll the current policies out in the grounded source.
-        trpo.collect_rollouts(mdp, callback, trpo.rollout_buffer, trpo.n_steps)
-        transitions = mdp.take_transitions()
+        learner.collect_rollouts(mdp, callback, learner.rollout_buffer, learner.n_steps)
+        transitions, member = mdp.take_transitions()
         # 13: the discriminator's ascent.
         for _ in range(settings.discriminator_passes):
-            log = discriminator.update(transitions)
-        # 14: πg's and the value heads' step on the reward −log D; γ = 0, so that what comes after the last step is of no consequence.
+            log = discriminator.update(transitions, member)
+        # 14: πg's and the value heads' step on the reward −log D.
         share = 1 - (1 - settings.final_share) * batch / _batches(settings)
-        cost = share * settings.change_cost * ((trpo.rollout_buffer.actions / (2 * worlds.limit)) ** 2).sum(-1)
-        trpo.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds) - cost
-        trpo.rollout_buffer.compute_returns_and_advantage(torch.zeros(settings.worlds), np.zeros(settings.worlds))
+        cost = share * settings.change_cost * ((learner.rollout_buffer.actions / (2 * worlds.limit)) ** 2).sum(-1)
+        learner.rollout_buffer.rewards[:] = discriminator.reward(transitions).reshape(-1, settings.worlds) - cost
+        learner.rollout_buffer.compute_returns_and_advantage(_last_values(learner), learner._last_episode_starts)  # type: ignore[arg-type]
         if batch > settings.warm_up:
-            trpo.target_kl = share * settings.target_kl
-            trpo.train()
+            learner.narrow(share)
+            learner.train()
         steps = batch * settings.batch_size
         for name, value in log.items():
-            trpo.logger.record(f"discriminator/{name}", value)
-        trpo.logger.record("grounding/reward", float(trpo.rollout_buffer.rewards.mean()))
-        trpo.logger.dump(steps)
+            learner.logger.record(f"discriminator/{name}", value)
+        learner.logger.record("grounding/reward", float(learner.rollout_buffer.rewards.mean()))
+        learner.logger.dump(steps)
         if steps % settings.checkpoint < settings.batch_size or batch == _batches(settings):
-            checkpoints[steps] = arrays(trpo.policy.state_dict())
+            checkpoints[steps] = arrays(learner.policy.state_dict())
     worlds.close()
     return checkpoints
+
+
+def _last_values(learner: OnPolicyAlgorithm) -> torch.Tensor:
+    """Values of the states that the batch ends in; with γ = 0 they are of no consequence."""
+    with torch.no_grad():
+        return learner.policy.predict_values(torch.as_tensor(learner._last_obs, dtype=torch.float32)).flatten()
 
 
 def _input_scale(target: Transitions, spread: float, limit: float) -> tuple[Array, Array]:
@@ -170,7 +174,7 @@ def ground_ensemble(
     """N groundings that differ by seed alone, up to `jobs` of them at a time."""
     progress.stage(f"grounding × {settings.ensemble}", settings.ensemble * _batches(settings.grounding) * settings.grounding.batch_size)
     calls = [
-        (problem.source, rollouts, target, settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
+        (problem.source, rollouts, target, problem.shares(len(rollouts)), settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
         for member in range(settings.ensemble)
     ]
     return side_by_side(ground, calls, jobs, progress.advance)

@@ -186,14 +186,20 @@ class Problem:
         share = max(1, count // len(policies))
         return roll_out_each(self.source, policies, share, [seed * 1000 + member for member in range(len(policies))])
 
+    def shares(self, count: int) -> list[int]:
+        """How many of the budget's samples are each of `count` policies'.
+
+        Raises:
+            UserError: if the budget has not one sample a policy.
+        """
+        if self.budget < count:
+            raise UserError(f"{self.budget} target samples are too few for {count} rollout policies; give --samples {count} or more")
+        return [self.budget // count + (index < self.budget % count) for index in range(count)]
+
     def demonstrations(self, policies: PolicySet) -> Transitions:
         """Spend the whole budget in equal shares on `policies` (what does not divide goes to the first ones).
 
         Raises:
             UserError: if the budget has not one sample a policy.
         """
-        count = len(policies)
-        if self.budget < count:
-            raise UserError(f"{self.budget} target samples are too few for {count} rollout policies; give --samples {count} or more")
-        shares = [self.budget // count + (index < self.budget % count) for index in range(count)]
-        return merge([self.collect(policies, index, share) for index, share in enumerate(shares)])
+        return merge([self.collect(policies, index, share) for index, share in enumerate(self.shares(len(policies)))])

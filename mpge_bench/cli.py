@@ -27,7 +27,7 @@ _out = Console(highlight=False)
 
 _TASK_HELP = "Source/target pair; `tasks` lists them."
 _METHOD_HELP = "Transfer method; `methods` lists them. Or your own: my_package.mine:MyMethod."
-_PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days)."
+_PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days); `methods` lists any others."
 _SET_HELP = "Change a setting of the preset, KEY=VALUE, for instance agent.steps=100000; may be given several times. A wrong KEY names those there are."
 _NOISE_HELP = "Noise on the target states that a method gets to see, as a share of each coordinate's spread."
 _ROLLOUTS_HELP = "Source policies that collect: ms (different seeds) or er (an entropy-regularised set). Short for --set rollouts=..."

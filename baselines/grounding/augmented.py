@@ -37,10 +37,12 @@ class AugmentedMDP(VecEnvWrapper):
         )
         self._action: Array = np.zeros((worlds.num_envs, rollouts.action_size))
         self._states = worlds.observations
+        self._member = worlds.member
         self._made: list[Transitions] = []
+        self._by: list[Array] = []
 
     def _observe(self, states: Array) -> Array:
-        self._states = states
+        self._states, self._member = states, self.worlds.member.copy()
         self._action = self.rollouts.sample(states, self.worlds.member, self.rng)
         return np.concatenate((states, self._action, self.worlds.member[:, None]), axis=1)
 
@@ -55,12 +57,14 @@ class AugmentedMDP(VecEnvWrapper):
         reached = states.copy()
         for index in np.flatnonzero(dones):
             reached[index] = infos[index]["terminal_observation"]
-            # The episode's end is of no consequence to a one-step reward, and the terminal state has no augmented observation.
+            # The terminal state has no augmented observation: with γ > 0 nothing is taken to follow a time limit, with γ = 0 nothing follows anyway.
             infos[index] = {"episode": infos[index]["episode"]}
         self._made.append(Transitions(self._states, self._action, reached))
+        self._by.append(self._member)
         return self._observe(states), np.zeros_like(rewards), dones, infos
 
-    def take_transitions(self) -> Transitions:
-        """The transitions (s, a, s') made since the last call, step by step over all worlds."""
-        taken, self._made = merge(self._made), []
-        return taken
+    def take_transitions(self) -> tuple[Transitions, Array]:
+        """The transitions (s, a, s') made since the last call, step by step over all worlds, and which rollout policy made each, (n,)."""
+        taken, by = merge(self._made), np.concatenate(self._by)
+        self._made, self._by = [], []
+        return taken, by

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +21,9 @@ class DiscriminatorSettings:
     Attributes:
         divergence: what πg minimises between grounded and target transitions (GARAT, appendix), by the loss of D and the reward made of it: ``gail``
             (Jensen-Shannon), ``airl`` (reverse Kullback-Leibler), ``fairl`` (forward Kullback-Leibler) or ``wail`` (Wasserstein).
+        matched: whether each grounded transition is set against one that the same rollout policy made in the target, as in MPGE's released code, or against
+            any of the target's.
+        weight_decay: Adam's, the L2 regularisation of GARAT's appendix.
     """
 
     divergence: Literal["gail", "airl", "fairl", "wail"] = "gail"
@@ -29,6 +33,8 @@ class DiscriminatorSettings:
     batch_size: int = 512
     entropy_coefficient: float = 1e-3
     gradient_penalty: float = 10.0
+    matched: bool = False
+    weight_decay: float = 0.0
 
 
 class Inputs:
@@ -60,24 +66,39 @@ class Discriminator:
         target: the target's transitions.
         settings: hyperparameters.
         generator: for weights' and batches' randomness.
+        shares: how many of the target's transitions are of each rollout policy, in this order; none if there is but one.
     """
 
-    def __init__(self, target: Transitions, settings: DiscriminatorSettings, generator: torch.Generator) -> None:
+    def __init__(self, target: Transitions, settings: DiscriminatorSettings, generator: torch.Generator, shares: Sequence[int] = ()) -> None:
         self.settings, self.generator = settings, generator
+        self._shares = torch.as_tensor(list(shares) or [len(target)])
+        self._first = torch.cumsum(self._shares, 0) - self._shares
         self.inputs = Inputs(target)
         self.target = self.inputs(target)
         size, width = self.target.shape[1], settings.width
         self.network = nn.Sequential(nn.Linear(size, width), nn.Tanh(), nn.Linear(width, width), nn.Tanh(), nn.Linear(width, 1))
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
 
-    def update(self, transitions: Transitions) -> dict[str, float]:
-        """One pass over grounded `transitions` in pieces of `batch_size`, each against as many of the target's; returns loss and accuracy."""
+    def _drawn(self, count: int, member: torch.Tensor) -> torch.Tensor:
+        """Indices (count,) of target transitions, if they are matched each from those of its rollout policy `member`."""
+        if not self.settings.matched:
+            return torch.randint(len(self.target), (count,), generator=self.generator)
+        share = torch.rand(count, generator=self.generator, dtype=torch.float64)
+        return self._first[member] + (share * self._shares[member]).long()
+
+    def update(self, transitions: Transitions, member: Array | None = None) -> dict[str, float]:
+        """One pass over grounded `transitions` in pieces of `batch_size`, each against as many of the target's; returns loss and accuracy.
+
+        Args:
+            member: which rollout policy made each of them, (n,); the first one if not given.
+        """
         settings, log = self.settings, {"loss": 0.0, "accuracy": 0.0}
         grounded = self.inputs(transitions)
+        by = torch.zeros(len(grounded), dtype=torch.int64) if member is None else torch.as_tensor(member)
         pieces = torch.split(torch.randperm(len(grounded), generator=self.generator), settings.batch_size)
         for piece in pieces:
             fake = grounded[piece]
-            real = self.target[torch.randint(len(self.target), (len(fake),), generator=self.generator)]
+            real = self.target[self._drawn(len(piece), by[piece])]
             logits = self.network(torch.cat((fake, real)))[:, 0]
             labels = torch.cat((torch.ones(len(fake)), torch.zeros(len(real))))
             entropy = torch.distributions.Bernoulli(logits=logits).entropy().mean()  # type: ignore[no-untyped-call]

@@ -169,6 +169,8 @@ def _value(hint: Any, value: Any, key: str) -> Any:
         if value not in get_args(hint):
             raise UserError(f"setting {key} is {value!r}; choose one of: {', '.join(map(str, get_args(hint)))}")
         return value
+    if hint is bool and not isinstance(value, bool):
+        raise UserError(f"setting {key} takes true or false, not {value!r}")
     if get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
             raise UserError(f"setting {key} takes a list, such as [0.1, 0.2], not {value!r}")

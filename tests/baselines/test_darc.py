@@ -87,9 +87,11 @@ def test_rewards_are_corrected_after_the_warm_up_and_returns_of_episodes_are_not
 
 
 def _random_transitions(make, count: int) -> Transitions:
-    worlds, rng = Worlds(make, count, seed=1), np.random.default_rng(1)
-    states, actions = worlds.reset(), rng.uniform(-3, 3, (count, 1))
-    return Transitions(states, actions, worlds.step(actions)[0])
+    env, rng, found = make(), np.random.default_rng(1), []
+    for index in range(count):
+        action = rng.uniform(-3, 3, 1)
+        found.append((env.reset(seed=index)[0], action, env.step(action)[0]))
+    return Transitions(*(np.array(column) for column in zip(*found, strict=True)))
 
 
 def test_the_target_is_the_likelier_where_it_moved_and_the_source_where_that_did():
@@ -116,9 +118,10 @@ def test_it_spends_the_budget_once_and_starts_from_the_source_policy(pendulum_po
         log_dir=tmp_path,
         jobs=1,
     )
-    for name, weight in pendulum_policies.weights[0].items():
-        np.testing.assert_allclose(none.policy[name], weight, rtol=1e-6)
-        assert np.abs(result.policy[name] - weight).max() < 0.6, name
+    name = "mlp_extractor.policy_net.0.weight"
+    first, second = (weights[name] for weights in pendulum_policies.weights)
+    np.testing.assert_allclose(none.policy[name], first, rtol=1e-6)
+    assert 0 < np.abs(result.policy[name] - first).max() < 0.1 < np.abs(result.policy[name] - second).max()
 
 
 @pytest.mark.parametrize("name", ["width", "every", "updates", "memory"])

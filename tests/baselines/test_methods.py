@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from mpge_bench.baselines.policy import PolicySet, policy_from, policy_set
-from mpge_bench.baselines.presets import load_preset, load_settings
+from mpge_bench.baselines.presets import load_preset, load_settings, parse_overrides
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Silent
 from mpge_bench.baselines.registry import get_method, methods
 from mpge_bench.envs import TASKS, get_task
+from mpge_bench.envs.errors import UserError
 
 #: What learns an action transformation.
 GROUNDING = {"gat", "garat", "mpg", "mpge", "inversion"}
@@ -23,11 +24,11 @@ EVERYWHERE = "mpg"
 RUNS = [(task, method) for task in TASKS for method in methods() if task in KINDS or method == EVERYWHERE]
 
 
-def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1):
+def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1, change=()):
     task, method = get_task(task_name), get_method(method_name)
     limit = task.robot.action_limit
     known = policy_set([make_policy(task.source(), index) for index in range(5)], limit)
-    settings = load_settings(method.settings, method.preset, "smoke", task_name)
+    settings = load_settings(method.settings, method.preset, "smoke", task_name, parse_overrides(change))
     rollouts = PolicySet([known.weights[(seed + index) % 5] for index in range(getattr(settings, "policies", 5))], limit)
     problem = Problem(task, rollouts, 50, seed)
     return problem, method.train(problem, settings, seed, progress=Silent(), log_dir=tmp_path, jobs=jobs)
@@ -51,6 +52,25 @@ def test_how_the_family_differs(preset):
     assert (mpg.policies, mpg.ensemble) == (5, 1)
     assert garat == dataclasses.replace(mpg, policies=1)
     assert mpge == dataclasses.replace(mpg, ensemble=5)
+
+
+def test_garat_has_its_own_papers_figures():
+    found = load_settings(get_method("garat").settings, "garat", "desai", "broken_hopper")
+    grounding = found.grounding
+    assert (found.policies, found.ensemble, grounding.algorithm, grounding.gamma) == (1, 1, "ppo", 0.99)
+    assert grounding.steps / grounding.batch_size == 50
+    assert grounding.batch_size % grounding.worlds == 0
+    with pytest.raises(UserError, match=r"unknown preset 'desai'; choose one of: smoke, standard, paper$"):
+        load_settings(get_method("mpg").settings, "mpg", "desai", "broken_hopper")
+
+
+@pytest.mark.parametrize("change", ["grounding.algorithm=ppo", "grounding.discriminator.matched=true"])
+def test_other_ways_of_grounding_learn_another_one(change, make_policy, tmp_path):
+    _, plain = _train("biased_pendulum", "mpg", make_policy, tmp_path / "a")
+    _, changed = _train("biased_pendulum", "mpg", make_policy, tmp_path / "b", change=(change, "grounding.gamma=0.9") if "ppo" in change else (change,))
+    first, second = (found.grounding.policies.weights[0]["action_net.weight"] for found in (plain, changed))
+    assert np.isfinite(second).all()
+    assert np.abs(first - second).max() > 1e-4
 
 
 def test_paper_preset_has_the_papers_budgets():

@@ -15,15 +15,18 @@ def test_transitions_are_those_of_the_source_under_the_changed_action(pendulum_p
     worlds = Worlds(TASK.source, 4, 0, members=2)
     mdp = AugmentedMDP(worlds, pendulum_policies, 0)
     rng = np.random.default_rng(0)
-    observation, changes = mdp.reset(), []
+    observation, changes, acting = mdp.reset(), [], []
     for _ in range(50):
         np.testing.assert_array_equal(observation[:, :4], worlds.observations)
         np.testing.assert_array_equal(observation[:, -1], worlds.member)
+        acting.append(observation[:, -1])
         changes.append(rng.uniform(-2, 2, (4, 1)))
         observation, rewards, _, _ = mdp.step(changes[-1])
         assert not rewards.any()
-    made = mdp.take_transitions()
+    made, by = mdp.take_transitions()
     assert len(made) == 200
+    np.testing.assert_array_equal(by, np.concatenate(acting))
+    assert set(by) == {0, 1}
     env = TASK.source()
     for state, action, change, reached in zip(made.observations, made.actions, np.concatenate(changes), made.next_observations, strict=True):
         env.world.set_state(*env.robot.state(state))

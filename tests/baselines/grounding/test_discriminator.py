@@ -46,6 +46,37 @@ def test_reward_is_minus_log_d():
     np.testing.assert_allclose(discriminator.reward(transitions), -torch.log(grounded).numpy(), rtol=1e-5)
 
 
+def test_matched_transitions_are_drawn_from_the_same_rollout_policys():
+    for matched in (False, True):
+        discriminator = Discriminator(_transitions(0.0, 1, 100), DiscriminatorSettings(matched=matched), torch.Generator().manual_seed(0), [70, 20, 10])
+        member = torch.arange(3).repeat_interleave(400)
+        drawn = discriminator._drawn(len(member), member)
+        parts = [drawn[member == one] for one in range(3)]
+        assert [(int(part.min()), int(part.max())) for part in parts] == ([(0, 69), (70, 89), (90, 99)] if matched else [(0, 99)] * 3)
+
+
+def test_a_policy_that_the_target_has_seldom_seen_is_no_longer_taken_for_the_source():
+    """Both policies do the same in both; only how often each acts differs. Pooled, D tells them apart by that; matched, it cannot."""
+    target, grounded = _mixed([900, 100], 5), _mixed([500, 500], 6)
+    accuracy = {}
+    for matched in (False, True):
+        torch.manual_seed(0)
+        settings = DiscriminatorSettings(matched=matched, learning_rate=3e-3, width=64, gradient_penalty=0.1)
+        discriminator = Discriminator(target, settings, torch.Generator().manual_seed(0), [900, 100])
+        for _ in range(40):
+            log = discriminator.update(grounded, np.repeat([0, 1], 500))
+        accuracy[matched] = log["accuracy"]
+    assert accuracy[False] > 0.65
+    assert accuracy[True] < 0.6
+
+
+def _mixed(shares: list[int], seed: int) -> Transitions:
+    """Two policies, one acting with −1 and one with 1, under one dynamics."""
+    rng = np.random.default_rng(seed)
+    states, actions = rng.normal(size=(sum(shares), 2)), np.repeat([-1.0, 1.0], shares)[:, None] + 0.1 * rng.normal(size=(sum(shares), 1))
+    return Transitions(states, actions, states + 0.1 * actions)
+
+
 def _small(divergence: str) -> Discriminator:
     torch.manual_seed(0)
     return Discriminator(_transitions(0.0, 1), DiscriminatorSettings(divergence, width=64, learning_rate=3e-3), torch.Generator().manual_seed(0))
