@@ -25,6 +25,8 @@ app = typer.Typer(
 )
 _out = Console(highlight=False)
 
+#: Characters that a normalised return of 1 is drawn with.
+_BAR = 20
 _TASK_HELP = "Source/target pair; `tasks` lists them."
 _METHOD_HELP = "Transfer method; `methods` lists them. Or your own: my_package.mine:MyMethod."
 _PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days); `methods` lists any others."
@@ -165,29 +167,40 @@ def train_policies(
     force: Annotated[bool, typer.Option(help="Train those that are there already, too.")] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = os.cpu_count() or 1,
 ) -> None:
-    """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card.
+    """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card, and measure its references.
 
+    A source policy is the best of several candidates that learn from scratch. A target-optimal policy starts from source policies and from scratch, and goes
+    on until doubling its steps no longer pays; the best of the three is J*, normalised return 1. What every run is held against (direct, J*, errors of the
+    ungrounded source) is measured once and kept beside the pair's policies, in references.json.
     The entropy-regularised set (--kind er) is made of five source policies, too: each is paid to go where those before it are undecided (MPGE, section 4).
     """
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
+    from mpge_bench.harness import references
     from mpge_bench.policies import FOLDER, SEEDS, home, policy_path
 
     pair, folder = get_task(task), out or home(task)
     if kind not in ("source", "target", "both", "er"):
         raise UserError(f"unknown kind {kind!r}; choose source, target, both or er")
-    plan = [(one, seed) for one in SEEDS if kind == one or (kind == "both" and one != "er") for seed in SEEDS[one]]
-    if not force:
-        places = {folder, FOLDER} if folder == home(task) else {folder}
-        plan = [item for item in plan if not any(policy_path(pair, *item, place).exists() for place in places)]
-    if not plan:
+    # Target-optimal policies start from source policies, which therefore come first.
+    kinds = ("source", "target") if kind == "both" else (kind,)
+    places = {folder, FOLDER} if folder == home(task) else {folder}
+    plans = [[(one, seed) for seed in SEEDS[one] if force or not any(policy_path(pair, one, seed, place).exists() for place in places)] for one in kinds]
+    if not any(plans):
         _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
         return
-    with ConsoleProgress() as progress, worker_pool(1 if kind == "er" else min(jobs, len(plan))) as pool:
-        progress.stage(f"{len(plan)} policies", len(plan))
-        for path in pool.imap_unordered(_train_quietly, [(task, one, seed, folder) for one, seed in plan]):
-            progress.console.print(f"{path}: written")
-            progress.advance(1)
+    with ConsoleProgress() as progress:
+        for one, plan in zip(kinds, plans, strict=True):
+            if not plan:
+                continue
+            with worker_pool(1 if one == "er" else min(jobs, len(plan))) as pool:
+                progress.stage(f"{len(plan)} {one} policies", len(plan))
+                for path in pool.imap_unordered(_train_quietly, [(task, *item, folder) for item in plan]):
+                    progress.console.print(f"{path}: written")
+                    progress.advance(1)
+        if "target" in kinds:
+            progress.stage("references", 0)
+            progress.console.print(f"{references.write(task, folder, jobs)}: written")
 
 
 def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
@@ -474,35 +487,52 @@ def _wide() -> Console:
 
 
 def _show(result: dict[str, Any], folder: Path) -> None:
-    found = result["returns"]
-    settings = f"{result['samples']} target samples, {result['variant']}, seed {result['seed']}"
-    drawn = Table("", result["method"], "reference", title=f"{result['task']}, {settings}")
+    """What was achieved at a glance, then how."""
+    settings = f"{result['samples']:,} target samples, {result['variant']}, seed {result['seed']}"
+    _out.print(_achieved(result, f"{result['task']}, {settings}"))
+    drawn = Table("", result["method"], "ungrounded source")
+    found, learnt = result["returns"], result["learning"] or {}
 
     def number(value: float | None, digits: int = 3) -> str:
         return "–" if value is None else f"{value:.{digits}f}"
 
-    def spread(name: str) -> str:
-        return f"{found[name]['mean']:.1f} ± {found[name]['std']:.1f}" if found[name] else "–"
-
-    drawn.add_row("return in the target: direct", "", spread("direct"))
-    drawn.add_row(f"return in the target: {result['method']}", spread("policy"), "")
-    drawn.add_row("return in the target: target-optimal", "", spread("target_optimal"))
-    drawn.add_row("normalised return", number(result["normalized_return"]), "0 direct … 1 target-optimal")
-    drawn.add_row("return in the grounded source", spread("grounded"), "")
+    if found["grounded"]:
+        drawn.add_row("return in the grounded source", f"{found['grounded']['mean']:.0f} ± {found['grounded']['std']:.0f}", "")
     for name, label in (("action_transformation_error", "action-transformation error"), ("transition_error", "transition error")):
-        drawn.add_row(label, number(result[name]["value"]), f"{number(result[name]['source'])} ungrounded")
+        drawn.add_row(label, number(result[name]["value"]), number(result[name]["source"]))
     if result["oracle"]:
         oracle = result["oracle"]
-        chosen = f"{oracle['returns']['mean']:.1f} ± {oracle['returns']['std']:.1f}"
-        drawn.add_row("return: oracle's choice from the sweep", chosen, f"{oracle['chosen']}, chosen by {oracle['target_episodes']} target episodes")
-    for share, value in (result["learning"] or {}).items():
+        chosen = f"{oracle['returns']['mean']:.0f} ± {oracle['returns']['std']:.0f}"
+        drawn.add_row("return of the oracle's choice from the sweep", chosen, f"{oracle['chosen']}, chosen by {oracle['target_episodes']} other target episodes")
+    for share, value in learnt.items():
         drawn.add_row(f"mean episode in the first {share}% of the samples", number(value, 1), "")
     _out.print(drawn)
     if result["report"].get("verdict"):
         _out.print(result["report"]["verdict"], markup=False, soft_wrap=True)
     seconds = result["wall_clock_s"]
-    _out.print(f"{result['target_samples']} target samples used; {sum(result['simulator_steps'].values()):,} simulator steps; {seconds['total']:.0f} s.")
+    _out.print(f"{result['target_samples']:,} target samples used; {sum(result['simulator_steps'].values()):,} simulator steps; {seconds['total']:.0f} s.")
     _out.print(f"Written to {folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}", soft_wrap=True)
+
+
+def _achieved(result: dict[str, Any], title: str) -> Table:
+    """Returns in the target: of the source policies, this method, the agent that needs no grounding, and the best that anybody has reached."""
+    from mpge_bench.harness.metrics import normalized_return
+    from mpge_bench.harness.perfect import stored_perfect
+
+    found, perfect = result["returns"], stored_perfect(result["task"], result["fingerprints"])
+    direct, best = found["direct"]["mean"], found["optimal"]["mean"]
+    rows = [("direct", direct, "the source policies as they are"), (result["method"], found["policy"]["mean"], "this run")]
+    if perfect:
+        rows.append(("perfect", perfect.mean, f"the same agent in the true target, {perfect.seeds} seeds"))
+    rows.append(("J*", best, "the best policy that anybody has reached"))
+    drawn = Table("", "return in the target", "normalised", "", "", title=title)
+    for name, value, what in rows:
+        normalized = normalized_return(value, direct, best)
+        shown = "–" if normalized is None else f"{normalized:.2f}"
+        bar = "█" * round(_BAR * min(max(normalized or 0.0, 0.0), 1.2))
+        style = "bold" if what == "this run" else ""
+        drawn.add_row(name, f"{value:.0f}", shown, bar, what, style=style)
+    return drawn
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -103,9 +104,15 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
         "wall_clock_s": round(time.monotonic() - begun, 1),
         "versions": {name: version(name) for name in ("pybullet", "stable-baselines3", "torch", "numpy")},
         "commit": commit(),
+        **physics(task, kind),
     }
     save_policy(path, tensors(weights), card)
     return path
+
+
+def physics(task: Task, kind: str) -> dict[str, Any]:
+    """By which motion the robot's ("source", "er") or the pair's ("target") policies learn: fingerprints, for their cards."""
+    return {"fingerprints": task.fingerprints()} if kind == "target" else {"fingerprint": task.fingerprints()["robot"]}
 
 
 def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress) -> tuple[Weights, list[list[float]], int]:
