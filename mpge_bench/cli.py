@@ -503,7 +503,8 @@ def _show(result: dict[str, Any], folder: Path) -> None:
     if result["oracle"]:
         oracle = result["oracle"]
         chosen = f"{oracle['returns']['mean']:.0f} ± {oracle['returns']['std']:.0f}"
-        drawn.add_row("return of the oracle's choice from the sweep", chosen, f"{oracle['chosen']}, chosen by {oracle['target_episodes']} other target episodes")
+        by = f"{oracle['chosen']}, chosen by {oracle['target_episodes']} other target episodes"
+        drawn.add_row("return of the oracle's choice from the sweep", chosen, by)
     for share, value in learnt.items():
         drawn.add_row(f"mean episode in the first {share}% of the samples", number(value, 1), "")
     _out.print(drawn)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -41,82 +42,97 @@ class PolicySettings(AgentSettings):
     """How a shipped policy is made.
 
     Attributes:
+        least: return in the source below which a source policy is dropped and another seed is tried: one that stands still cannot do the task.
+        tries: how many seeds are tried.
         doublings: of a target-optimal policy: how often its steps may be doubled, each time from the best so far, until that adds less than `WORTH`.
     """
 
+    least: float = -1e9
+    tries: int = 5
     doublings: int = 0
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A policy and how it came about: what was compared on the way, steps, the seed that it is of, and seeds dropped with what they returned."""
+
+    weights: Weights
+    compared: Sequence[Sequence[float]]
+    steps: int
+    seed: int
+    dropped: Mapping[int, float]
 
 
 def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progress: Progress | None = None, jobs: int = 1) -> Path:
     """Train one policy in the source or in the target (`kind`) and write it, with its card, to its place.
 
-    A source policy is learnt from scratch, the best of several candidates; a target-optimal one from source policies and from scratch (which of them differs
-    from seed to seed), and on until doubling the steps no longer pays. A policy of an entropy-regularised set learns where it also pays to be where those
-    before it are undecided; one candidate, whose last weights are kept.
-
-    The card tells settings, what was compared on the way (control steps, mean return, candidate), steps, seed, versions, commit, the fingerprint of the
-    robot's motion, and the returns of the mean action over 50 episodes in the source and (of a target-optimal policy) in the target.
+    The card tells settings, seeds dropped and what they returned, what was compared on the way (control steps, mean return, candidate), steps, seed,
+    versions, commit, fingerprints of the motion, and the returns of the mean action over 50 episodes in the source and (of a target-optimal policy) in
+    the target.
 
     Raises:
         UserError: if policies that it builds on are missing.
     """
-    begun = time.monotonic()
+    begun, progress = time.monotonic(), progress or Silent()
     at_target = kind == "target"
-    owner = task.name if at_target else task.robot.name
-    settings = settings_from(PolicySettings, load_preset("policies", "standard", owner))
+    settings = settings_from(PolicySettings, load_preset("policies", "standard", task.name if at_target else task.robot.name))
     torch.set_num_threads(1)
-    make, what = (task.target if at_target else task.source), f"{owner} {kind} policy, seed {seed}"
-    steps, diversity = 0, None
-    if kind == "er":
-        diversity = DIVERSITY
-        weights, curve, steps = _diverse(task, settings, seed, folder, progress or Silent())
-    else:
-        starts: list[Weights | None] = [None]
-        if at_target:
-            starts = [*load_set(task, "source", folder).weights, None]
-            turn = seed * settings.candidates % len(starts)
-            starts = starts[turn:] + starts[:turn]
-        found = learn(make, settings, seed, starts=starts, progress=progress, what=what, jobs=jobs)
-        weights, curve, steps = found.weights, [list(point) for point in found.curve], found.steps
-        for doubling in range(settings.doublings if at_target else 0):
-            onward = replace(settings, steps=settings.steps * 2**doubling, candidates=1, finalists=1, trial_steps=0)
-            more = learn(make, onward, seed + 1000 * (doubling + 1), starts=[weights], progress=progress, what=f"{what}, doubled", jobs=jobs)
-            curve += [[steps + taken, value, -1 - doubling] for taken, value, _ in more.curve]
-            steps += more.steps
-            gained, found = more.value - found.value, max(found, more, key=lambda one: one.value)
-            weights = found.weights
-            if gained < WORTH * abs(found.value):
-                break
-    path = policy_path(task, kind, seed, folder)
-    single = PolicySet([arrays(tensors(weights))], task.robot.action_limit)
+    made = _MAKERS[kind](task, settings, seed, folder, progress, jobs)
+    path, single = policy_path(task, kind, seed, folder), PolicySet([arrays(tensors(made.weights))], task.robot.action_limit)
+    places = {"source": task.source} | ({"target": task.target} if at_target else {})
     card = {
         "schema": "mpge_bench/policy/2",
         "robot": task.robot.name,
         "task": task.name if at_target else None,
         "trained_in": kind,
         "algorithm": "PPO",
-        "seed": seed,
+        "seed": made.seed,
+        "dropped": made.dropped,
         "settings": asdict(settings),
-        "diversity_coefficient": diversity,
-        "returns": {"source": asdict(returns(task.source, single))} | ({"target": asdict(returns(task.target, single))} if at_target else {}),
-        "compared": curve,
-        "steps": steps,
+        "diversity_coefficient": DIVERSITY if kind == "er" else None,
+        "returns": {place: asdict(returns(make, single)) for place, make in places.items()},
+        "compared": made.compared,
+        "steps": made.steps,
         "wall_clock_s": round(time.monotonic() - begun, 1),
         "versions": {name: version(name) for name in ("pybullet", "stable-baselines3", "torch", "numpy")},
         "commit": commit(),
         **physics(task, kind),
     }
-    save_policy(path, tensors(weights), card)
+    save_policy(path, tensors(made.weights), card)
     return path
 
 
-def physics(task: Task, kind: str) -> dict[str, Any]:
-    """By which motion the robot's ("source", "er") or the pair's ("target") policies learn: fingerprints, for their cards."""
-    return {"fingerprints": task.fingerprints()} if kind == "target" else {"fingerprint": task.fingerprints()["robot"]}
+def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
+    """The best of several candidates that learn from scratch; if it returns less than the robot's `least`, the seed five further on is tried."""
+    dropped: dict[int, float] = {}
+    while True:
+        found = learn(task.source, settings, seed, progress=progress, what=f"{task.robot.name} source policy, seed {seed}", jobs=jobs)
+        if found.value >= settings.least or len(dropped) == settings.tries - 1:
+            return _Made(found.weights, found.curve, found.steps, seed, dropped)
+        dropped[seed] = found.value
+        seed += len(SEEDS["source"])
 
 
-def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress) -> tuple[Weights, list[list[float]], int]:
-    """The policy number `seed` of an entropy-regularised set, learnt beside those before it."""
+def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
+    """The best of candidates that start from source policies and from scratch (which of these differs from seed to seed), learning on while doubling pays."""
+    starts: list[Weights | None] = [*load_set(task, "source", folder).weights, None]
+    turn = seed * settings.candidates % len(starts)
+    what = f"{task.name} target policy, seed {seed}"
+    best = learn(task.target, settings, seed, starts=starts[turn:] + starts[:turn], progress=progress, what=what, jobs=jobs)
+    compared, steps = [list(point) for point in best.curve], best.steps
+    for doubling in range(settings.doublings):
+        onward = replace(settings, steps=settings.steps * 2**doubling, candidates=1, finalists=1, trial_steps=0)
+        more = learn(task.target, onward, seed + 1000 * (doubling + 1), starts=[best.weights], progress=progress, what=f"{what}, doubled", jobs=jobs)
+        compared += [[steps + taken, value, -1 - doubling] for taken, value, _ in more.curve]
+        steps += more.steps
+        gained, best = more.value - best.value, max(best, more, key=lambda one: one.value)
+        if gained < WORTH * abs(best.value):
+            break
+    return _Made(best.weights, compared, steps, seed, {})
+
+
+def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
+    """One that learns where it also pays to be where those before it are undecided: one candidate, whose last weights are kept."""
     progress.stage(f"{task.robot.name} er policy, seed {seed}", settings.steps)
     size = (task.robot.observation_size, len(task.robot.actuators))
     earlier = [arrays(load_state(policy_path(task, "er", one, folder), *size)) for one in range(seed)]
@@ -125,7 +141,15 @@ def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, prog
     with closing(made) as worlds:
         agent = PPO(worlds, settings, seed)
         agent.learn(settings.steps, settings.steps, progress.advance)
-    return agent.state(), [], agent.steps
+    return _Made(agent.state(), [], agent.steps, seed, {})
+
+
+_MAKERS = {"source": _source, "target": _target, "er": _diverse}
+
+
+def physics(task: Task, kind: str) -> dict[str, Any]:
+    """By which motion the robot's ("source", "er") or the pair's ("target") policies learn: fingerprints, for their cards."""
+    return {"fingerprints": task.fingerprints()} if kind == "target" else {"fingerprint": task.fingerprints()["robot"]}
 
 
 def home(task: str) -> Path:
