@@ -1,9 +1,12 @@
-"""The two references: the source policy as it is, and the policy that was trained in the target."""
+"""The references: the source policy as it is, the policies that were trained in the target, and the agent that needs no grounding."""
 
 from __future__ import annotations
 
+import time
+from dataclasses import dataclass
 from pathlib import Path
 
+from mpge_bench.baselines.agent import AgentSettings, train_transfer
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import tensors
 from mpge_bench.baselines.presets import NoSettings
@@ -22,8 +25,34 @@ class Direct(Method):
 
 
 class TargetOptimal(Direct):
-    """Uses policy number seed mod K of those that were trained in the target at length: the upper reference, normalised return 1 on average."""
+    """Uses policy number seed mod K of those that were trained in the target at length: the upper reference, the best of them is normalised return 1 (J*)."""
 
-    summary = "a policy trained in the target, 300,000 to 1,000,000 steps (upper reference)"
+    summary = "a policy trained in the target at length (upper reference)"
     access = frozenset({"target"})
     policies = "target"
+
+
+@dataclass(frozen=True)
+class PerfectSettings:
+    """Hyperparameters of the control.
+
+    Attributes:
+        agent: as of every method that learns one.
+    """
+
+    agent: AgentSettings
+
+
+class Perfect(Method):
+    """Learns in the true target what all methods learn in their grounded sources: what it does not reach, no grounding is to blame for."""
+
+    summary = "the agent of all methods, learnt in the true target (control)"
+    access = frozenset({"target"})
+    settings = PerfectSettings
+    preset = "perfect"
+    at_target = True
+
+    def train(self, problem: Problem, settings: PerfectSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+        begun = time.monotonic()
+        policy, steps = train_transfer(problem, None, settings.agent, seed, progress, log_dir / "agent", jobs, "agent in the target")
+        return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun})

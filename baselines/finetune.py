@@ -4,35 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import torch
-from stable_baselines3.common.callbacks import BaseCallback
+import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from mpge_bench.baselines.agent import AgentSettings
+from mpge_bench.baselines.agent import AgentSettings, Weights
 from mpge_bench.baselines.method import Method, Result
-from mpge_bench.baselines.policy import GaussianPolicy, tensors
+from mpge_bench.baselines.policy import tensors
+from mpge_bench.baselines.ppo import PPO, ActorCritic
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.torch_agent import train_agent
 from mpge_bench.envs.errors import UserError
-
-
-class _Episodes(BaseCallback):
-    """Keeps the return of every episode that ends, and after how many target samples."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: list[tuple[int, float]] = []
-
-    def _on_step(self) -> bool:
-        self.found += [(self.num_timesteps, float(info["episode"]["r"])) for info in self.locals["infos"] if "episode" in info]
-        return True
 
 
 def learn_in_target(
@@ -42,39 +28,29 @@ def learn_in_target(
     progress: Progress,
     log_dir: Path,
     *,
-    start: Mapping[str, torch.Tensor] | None = None,
+    start: Weights | None = None,
     wrapped: Callable[[VecEnv], VecEnv] = lambda worlds: worlds,
-    policy: type[GaussianPolicy] = GaussianPolicy,
-    policy_settings: Mapping[str, Any] | None = None,
-) -> tuple[GaussianPolicy, list[tuple[int, float]]]:
-    """Spend the whole budget on PPO in the target.
+    network: Callable[[int, int, int, np.random.Generator], ActorCritic] = ActorCritic,
+) -> tuple[Weights, list[tuple[int, float]]]:
+    """Spend the whole budget on PPO in the target: one candidate, whose last weights are kept, since to compare would draw samples.
 
     Args:
         agent: no more than the budget is used of its steps, and its batches are cut so that at least ten fit into it.
         wrapped: what is made of the target's worlds before the agent acts in them.
-        start, policy, policy_settings: as in `train_agent`.
+        start, network: as in `PPO`.
 
     Returns:
-        The policy, and the episodes as `Result` has them.
+        The policy's state dict, and the episodes as `Result` has them.
 
     Raises:
         UserError: if the budget is too small.
     """
-    agent, episodes = _within(agent, problem.budget), _Episodes()
+    agent = _within(agent, problem.budget)
     progress.stage("learning in the target", agent.steps)
     with closing(problem.worlds(agent.worlds)) as worlds:
-        learnt = train_agent(
-            wrapped(worlds),
-            agent,
-            seed,
-            start=start,
-            progress=progress.advance,
-            log_dir=log_dir / "agent",
-            policy=policy,
-            policy_settings=policy_settings,
-            callbacks=[episodes],
-        )
-    return learnt, episodes.found
+        learnt = PPO(wrapped(worlds), agent, seed, start=start, log_dir=log_dir / "agent", network=network)
+        learnt.learn(agent.steps, agent.steps, progress.advance)
+    return learnt.state(), learnt.episodes
 
 
 def _within(agent: AgentSettings, budget: int) -> AgentSettings:
@@ -82,7 +58,7 @@ def _within(agent: AgentSettings, budget: int) -> AgentSettings:
     if budget < 2:
         raise UserError(f"{budget} target samples are too few to learn from; give --samples 2 or more")
     worlds = min(agent.worlds, max(1, budget // 10))
-    # PPO needs two samples at least.
+    # An advantage is measured against others of its batch.
     rollout_steps = max(2 if worlds == 1 else 1, min(agent.rollout_steps, budget // (10 * worlds)))
     batch = worlds * rollout_steps
     steps = min(agent.steps, budget) // batch * batch
@@ -111,5 +87,5 @@ class FineTune(Method):
 
     def train(self, problem: Problem, settings: FineTuneSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
-        policy, episodes = learn_in_target(problem, settings.agent, seed, progress, log_dir, start=tensors(problem.sources.weights[0]))
-        return Result(policy.state_dict(), seconds={"agent": time.monotonic() - begun}, episodes=episodes)
+        policy, episodes = learn_in_target(problem, settings.agent, seed, progress, log_dir, start=problem.sources.weights[0])
+        return Result(tensors(policy), seconds={"agent": time.monotonic() - begun}, episodes=episodes)

@@ -84,6 +84,7 @@ class Method(ABC):
         access: what it uses besides the source simulator and the source policies, words of `ACCESS`; empty for nothing.
         settings: dataclass of its hyperparameters.
         preset: YAML file with their values by preset and task, in `presets` unless it is a path; None where the defaults of `settings` hold.
+        at_target: whether what it is given as the source is the target itself: of the control alone.
         policies: which policies it is given in `Problem.rollouts`: ``source``, or ``target`` for the reference that was trained in the target.
     """
 
@@ -93,6 +94,7 @@ class Method(ABC):
     settings: ClassVar[type[Any]] = NoSettings
     preset: ClassVar[str | Path | None] = None
     policies: ClassVar[str] = "source"
+    at_target: ClassVar[bool] = False
 
     @property
     def samples(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
@@ -23,7 +24,6 @@ from mpge_bench.baselines.policy import Array, PolicySet, arrays
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.torch_agent import StepReport
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.baselines.workers import Advance, side_by_side
 from mpge_bench.envs import RobotEnv
@@ -76,6 +76,18 @@ class MPGSettings(RolloutSettings):
     ensemble: int = 1
 
 
+class _StepReport(BaseCallback):
+    """Tells `advance` of every step of `worlds` worlds."""
+
+    def __init__(self, advance: Advance, worlds: int) -> None:
+        super().__init__()
+        self.advance, self.worlds = advance, worlds
+
+    def _on_step(self) -> bool:
+        self.advance(self.worlds)
+        return True
+
+
 def ground(
     source: Callable[[], RobotEnv],
     rollouts: PolicySet,
@@ -109,7 +121,7 @@ def ground(
     # 1: πg with its K value heads, and one discriminator for all.
     learner = LEARNERS[settings.algorithm](mdp, settings, seed)
     learner.set_logger(configure(str(log_dir), ["tensorboard"]))
-    _, callback = learner._setup_learn(settings.steps, StepReport(advance, settings.worlds))
+    _, callback = learner._setup_learn(settings.steps, _StepReport(advance, settings.worlds))
     learner.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
     discriminator = Discriminator(target, settings.discriminator, generator, shares)
     checkpoints: dict[int, dict[str, Array]] = {}

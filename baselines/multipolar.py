@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import gymnasium
 import numpy as np
-import torch
-from stable_baselines3.common.distributions import Distribution
-from stable_baselines3.common.torch_layers import MlpExtractor
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
-from torch import nn
 
 from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.finetune import learn_in_target
 from mpge_bench.baselines.method import Method, Result
-from mpge_bench.baselines.policy import AggregatedPolicy, Array, GaussianPolicy, PolicySet, tensors
+from mpge_bench.baselines.policy import AggregatedPolicy, Array, PolicySet, tensors
+from mpge_bench.baselines.ppo import ActorCritic
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.envs.errors import UserError
@@ -65,66 +62,40 @@ class WithSources(VecEnvWrapper):
         return self._with(observations), rewards, dones, infos  # type: ignore[arg-type]
 
 
-class _PastSources(MlpExtractor):
-    """b and the value see the state; the sources' actions, the last `passed` inputs, go past b's layers."""
+class AggregatedActorCritic(ActorCritic):
+    """The network of MULTIPOLAR on the observations of `WithSources`: its mean is the mean over k of W_k ⊙ a_k(s), plus b(s).
 
-    def __init__(self, passed: int, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.passed = passed
+    No gradient reaches the sources, whose actions are inputs, and the value sees the state alone. W, shape (K, actuators), starts at ones. The state dict
+    is that of b's `GaussianPolicy` and W as ``aggregation``.
 
-    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        state, actions = _split(features, self.passed)
-        return torch.cat((self.policy_net(state), actions), dim=1)
-
-    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
-        return self.value_net(_split(features, self.passed)[0])  # type: ignore[no-any-return]
-
-
-def _split(features: torch.Tensor, passed: int) -> tuple[torch.Tensor, torch.Tensor]:
-    kept = features.shape[1] - passed
-    return features[:, :kept], features[:, kept:]
-
-
-class AggregationPolicy(GaussianPolicy):
-    """The policy network of MULTIPOLAR on the observations of `WithSources`: its mean is the mean over k of W_k ⊙ a_k(s), plus b(s).
-
-    No gradient reaches the sources, whose actions are inputs. W, shape (K, actuators), starts at ones. The state dict is that of b's `GaussianPolicy` and W as
-    ``aggregation``.
+    Args:
+        inputs: size of the observation and of all sources' actions together.
+        limit: the action limit.
+        settings: which parts are learnt.
     """
 
-    def __init__(
-        self,
-        observation_space: gymnasium.spaces.Box,
-        action_space: gymnasium.spaces.Box,
-        lr_schedule: Callable[[float], float],
-        sources: int = 0,
-        weights: str = "learnt",
-        residual: str = "network",
-        **kwargs: Any,
-    ) -> None:
-        self.shape = (sources, action_space.shape[0])
-        self.weights, self.residual = weights, residual
-        super().__init__(observation_space, action_space, lr_schedule, features_extractor_kwargs={"passed": sources * action_space.shape[0]}, **kwargs)
+    def __init__(self, inputs: int, action_size: int, width: int, rng: np.random.Generator, *, limit: float, settings: AggregationSettings) -> None:
+        self.passed, self._limit = settings.sources * action_size, limit
+        super().__init__(inputs - self.passed, action_size, width, rng, {"aggregation": (settings.sources, action_size)})
+        self.arrays["aggregation"][:] = 1
+        #: What is not learnt.
+        self._fixed = [name for name, kept in (("aggregation", settings.weights == "ones"), ("action_net.weight", settings.residual == "constant")) if kept]
+        if settings.residual == "constant":
+            self.arrays["action_net.weight"][:] = 0
 
-    def _build_mlp_extractor(self) -> None:
-        passed = self.shape[0] * self.shape[1]
-        self.mlp_extractor = _PastSources(passed, self.features_dim - passed, net_arch=self.net_arch, activation_fn=self.activation_fn, device=self.device)
+    def _taken(self, x: Array) -> Array:
+        """The sources' actions (n, K, actuators), in units of the action limit."""
+        return x[:, x.shape[1] - self.passed :].reshape(len(x), *self.arrays["aggregation"].shape) / np.float32(self._limit)
 
-    def _build(self, lr_schedule: Callable[[float], float]) -> None:
-        super()._build(lr_schedule)
-        self.aggregation = nn.Parameter(torch.ones(self.shape), requires_grad=self.weights == "learnt")
-        if self.residual == "constant":
-            assert isinstance(self.action_net, nn.Linear)
-            nn.init.zeros_(self.action_net.weight)
-            self.action_net.weight.requires_grad_(False)
-        self._make_optimizer(lr_schedule)
+    def _mean(self, x: Array, hidden: Array) -> Array:
+        own = super()._mean(x, hidden)
+        return own + (self.arrays["aggregation"] * self._taken(x)).mean(1) if self.passed else own
 
-    def _get_action_dist_from_latent(self, latent_pi: torch.Tensor) -> Distribution:
-        latent, actions = _split(latent_pi, self.shape[0] * self.shape[1])
-        mean, std = self._gaussian(latent)
-        if self.shape[0]:
-            mean = mean + (self.aggregation * actions.reshape(-1, *self.shape)).mean(1)
-        return self.action_dist.proba_distribution(mean, std)
+    def _mean_gradient(self, x: Array, slope: Array) -> None:
+        if self.passed:
+            self._slopes["aggregation"][:] = np.einsum("na,nka->ka", slope, self._taken(x)) / len(self.arrays["aggregation"])
+        for name in self._fixed:
+            self._slopes[name][:] = 0
 
 
 class Multipolar(Method):
@@ -139,9 +110,9 @@ class Multipolar(Method):
     def train(self, problem: Problem, settings: AggregationSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         limit = problem.robot.action_limit
-        if settings.sources > len(problem.rollouts):
-            raise UserError(f"setting sources is {settings.sources}; there are {len(problem.rollouts)} source policies")
-        sources = PolicySet(problem.rollouts.weights[: settings.sources], limit) if settings.sources else None
+        if settings.sources > len(problem.sources):
+            raise UserError(f"setting sources is {settings.sources}; there are {len(problem.sources)} source policies")
+        sources = PolicySet(problem.sources.weights[: settings.sources], limit) if settings.sources else None
         policy, episodes = learn_in_target(
             problem,
             settings.agent,
@@ -149,10 +120,9 @@ class Multipolar(Method):
             progress,
             log_dir,
             wrapped=lambda worlds: WithSources(worlds, sources) if sources else worlds,
-            policy=AggregationPolicy,
-            policy_settings={"sources": settings.sources, "weights": settings.weights, "residual": settings.residual},
+            network=functools.partial(AggregatedActorCritic, limit=limit, settings=settings),
         )
-        state = {name: value.detach().clone() for name, value in policy.state_dict().items()}
+        state = tensors(policy)
         for k, weights in enumerate(sources.weights if sources else ()):
             state |= {f"sources.{k}.{name}": value for name, value in tensors(weights).items()}
         return Result(AggregatedPolicy(state, limit), seconds={"agent": time.monotonic() - begun}, episodes=episodes)

@@ -6,21 +6,22 @@ figures. A test holds an update against stable-baselines3's own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
 from mpge_bench.baselines.policy import CLIP, LOG_STD_RANGE
 from mpge_bench.baselines.workers import Advance
 
-Floats = npt.NDArray[np.float32]
+#: float32 unless said otherwise.
+Array = npt.NDArray[Any]
 #: Share of the learning rate that is left at the end; it falls linearly.
 _FINAL_RATE = 0.1
 #: As in stable-baselines3: what the value's loss counts, the largest norm of a gradient, the largest scaled reward.
@@ -60,7 +61,7 @@ class _Adam:
         self._scratch = np.zeros(size, np.float32)
         self._count = 0
 
-    def step(self, values: Floats, gradient: Floats, rate: float) -> None:
+    def step(self, values: Array, gradient: Array, rate: float) -> None:
         """Move `values`, in place, against `gradient`."""
         self._count += 1
         first, second = self._BETA
@@ -85,21 +86,41 @@ class ActorCritic:
     Attributes:
         values: all parameters, (p,).
         arrays: the same by name, as views of `values`.
+        passed: how many inputs, the last ones, are no part of the observation and are not scaled; a subclass may use them.
     """
 
-    def __init__(self, observation_size: int, action_size: int, width: int, rng: np.random.Generator) -> None:
+    passed = 0
+
+    def __init__(
+        self, observation_size: int, action_size: int, width: int, rng: np.random.Generator, further: Mapping[str, tuple[int, ...]] | None = None
+    ) -> None:
         sizes = {f"mlp_extractor.{side}_net.{layer}": (width, width if layer else observation_size) for side in ("policy", "value") for layer in (0, 2)}
         sizes |= {"action_net": (action_size, width), "log_std_net": (action_size, width), "value_net": (1, width)}
-        shapes = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
+        shapes: dict[str, tuple[int, ...]] = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
+        shapes |= further or {}
+        self._shapes = shapes
         self.values = np.zeros(sum(int(np.prod(shape)) for shape in shapes.values()), np.float32)
-        self._gradient = np.zeros_like(self.values)
-        self.arrays, self._slopes = (_views(vector, shapes) for vector in (self.values, self._gradient))
+        self._look()
         gains = {"action_net": 0.01, "log_std_net": 0.0, "value_net": 1.0}
         for name, size in sizes.items():
             self.arrays[f"{name}.weight"][:] = gains.get(name, np.sqrt(2)) * _orthogonal(size, rng)
 
-    def _hidden(self, x: Floats, side: str) -> tuple[Floats, Floats]:
+    def _look(self) -> None:
+        """Make the views."""
+        self._gradient = np.zeros_like(self.values)
+        self.arrays, self._slopes = (_views(vector, self._shapes) for vector in (self.values, self._gradient))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A pickled view would come back as an array of its own.
+        return {name: value for name, value in self.__dict__.items() if name not in ("arrays", "_slopes", "_gradient")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._look()
+
+    def _hidden(self, x: Array, side: str) -> tuple[Array, Array]:
         layers, found = self.arrays, []
+        x = self._observed(x)
         for layer in (0, 2):
             x = x @ layers[f"mlp_extractor.{side}_net.{layer}.weight"].T
             x += layers[f"mlp_extractor.{side}_net.{layer}.bias"]
@@ -107,20 +128,29 @@ class ActorCritic:
             found.append(x)
         return found[0], found[1]
 
-    def _head(self, x: Floats, name: str) -> Floats:
-        found: Floats = x @ self.arrays[f"{name}.weight"].T + self.arrays[f"{name}.bias"]
+    def _head(self, x: Array, name: str) -> Array:
+        found: Array = x @ self.arrays[f"{name}.weight"].T + self.arrays[f"{name}.bias"]
         return found
 
-    def act(self, x: Floats) -> tuple[Floats, Floats]:
+    def _observed(self, x: Array) -> Array:
+        return x[:, : x.shape[1] - self.passed]
+
+    def _mean(self, x: Array, hidden: Array) -> Array:
+        return self._head(hidden, "action_net")
+
+    def _mean_gradient(self, x: Array, slope: Array) -> None:
+        """Write the gradient of what a subclass adds to the mean, `slope` (b, actuators) being that of the mean."""
+
+    def act(self, x: Array) -> tuple[Array, Array]:
         """Mean and logarithm of the standard deviation, both (n, actuators) and in units of the action limit, at scaled observations (n, o)."""
         hidden = self._hidden(x, "policy")[1]
-        return self._head(hidden, "action_net"), np.clip(self._head(hidden, "log_std_net"), *LOG_STD_RANGE)
+        return self._mean(x, hidden), np.clip(self._head(hidden, "log_std_net"), *LOG_STD_RANGE)
 
-    def value(self, x: Floats) -> Floats:
+    def value(self, x: Array) -> Array:
         """Values (n,) at scaled observations (n, o)."""
         return self._head(self._hidden(x, "value")[1], "value_net")[:, 0]
 
-    def gradient(self, x: Floats, actions: Floats, old: Floats, advantages: Floats, returns: Floats, settings: PPOSettings) -> Floats:
+    def gradient(self, x: Array, actions: Array, old: Array, advantages: Array, returns: Array, *, settings: PPOSettings) -> Array:
         """Gradient (p,) of PPO's loss on a minibatch of b, as in stable-baselines3's `PPO.train`; a view that the next call overwrites.
 
         Args:
@@ -131,7 +161,7 @@ class ActorCritic:
         """
         count = np.float32(1 / len(x))
         first, second = self._hidden(x, "policy")
-        mean, raw = self._head(second, "action_net"), self._head(second, "log_std_net")
+        mean, raw = self._mean(x, second), self._head(second, "log_std_net")
         log_std = np.clip(raw, *LOG_STD_RANGE)
         std = np.exp(log_std)
         distance = (actions - mean) / std
@@ -143,47 +173,48 @@ class ActorCritic:
         to_mean = slope[:, None] * distance / std
         to_log_std = slope[:, None] * (distance * distance - 1) - np.float32(settings.entropy_coefficient) * count
         to_log_std *= log_std == raw
-        back = self._back(second, to_mean, "action_net") + self._back(second, to_log_std, "log_std_net")
+        back: Array = self._back(second, to_mean, "action_net") + self._back(second, to_log_std, "log_std_net")
         self._back_hidden(x, first, second, back, "policy")
         first, second = self._hidden(x, "value")
         missed = (self._head(second, "value_net")[:, 0] - returns) * (2 * _VALUE_COEFFICIENT * count)
         self._back_hidden(x, first, second, self._back(second, missed[:, None].astype(np.float32), "value_net"), "value")
+        self._mean_gradient(x, to_mean)
         norm = float(np.sqrt(self._gradient @ self._gradient))
         if norm > _GRADIENT_NORM:
             self._gradient *= np.float32(_GRADIENT_NORM / (norm + 1e-6))
         return self._gradient
 
-    def _back(self, x: Floats, slope: Floats, name: str) -> Floats:
+    def _back(self, x: Array, slope: Array, name: str) -> Array:
         """Write the layer's gradient and return that of its input."""
         np.dot(slope.T, x, out=self._slopes[f"{name}.weight"])
         np.sum(slope, axis=0, out=self._slopes[f"{name}.bias"])
-        found: Floats = slope @ self.arrays[f"{name}.weight"]
+        found: Array = slope @ self.arrays[f"{name}.weight"]
         return found
 
-    def _back_hidden(self, x: Floats, first: Floats, second: Floats, slope: Floats, side: str) -> None:
+    def _back_hidden(self, x: Array, first: Array, second: Array, slope: Array, side: str) -> None:
         slope *= 1 - second * second
         slope = self._back(first, slope, f"mlp_extractor.{side}_net.2")
         slope *= 1 - first * first
-        np.dot(slope.T, x, out=self._slopes[f"mlp_extractor.{side}_net.0.weight"])
+        np.dot(slope.T, self._observed(x), out=self._slopes[f"mlp_extractor.{side}_net.0.weight"])
         np.sum(slope, axis=0, out=self._slopes[f"mlp_extractor.{side}_net.0.bias"])
 
 
-def _views(vector: Floats, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+def _views(vector: Array, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
     ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
     return {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), np.split(vector, ends[:-1]), strict=True)}
 
 
-def _orthogonal(shape: tuple[int, int], rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def _orthogonal(shape: tuple[int, int], rng: np.random.Generator) -> Array:
     """A random matrix of orthogonal rows or columns (Saxe et al. 2014), as torch makes it."""
     tall = rng.standard_normal((max(shape), min(shape)))
     q, r = np.linalg.qr(tall)
-    q *= np.sign(np.diag(r))
-    return q if shape[0] >= shape[1] else q.T
+    found: Array = q * np.sign(np.diag(r))
+    return found if shape[0] >= shape[1] else found.T
 
 
-def _log_probability(distance: Floats, log_std: Floats) -> Floats:
+def _log_probability(distance: Array, log_std: Array) -> Array:
     """Of actions `distance` standard deviations off the mean, (n,)."""
-    found: Floats = -(np.float32(0.5) * distance * distance + log_std).sum(1) - np.float32(0.5 * np.log(2 * np.pi) * distance.shape[1])
+    found: Array = -(np.float32(0.5) * distance * distance + log_std).sum(1) - np.float32(0.5 * np.log(2 * np.pi) * distance.shape[1])
     return found
 
 
@@ -191,13 +222,13 @@ def _log_probability(distance: Floats, log_std: Floats) -> Floats:
 class _Rollout:
     """What a batch of T steps of n worlds holds; all (T, n, ...)."""
 
-    observations: Floats
-    actions: Floats
-    log_probabilities: Floats
-    rewards: Floats
-    values: Floats
+    observations: Array
+    actions: Array
+    log_probabilities: Array
+    rewards: Array
+    values: Array
     #: Whether the episode went on after the step.
-    goes_on: Floats
+    goes_on: Array
 
 
 class PPO:
@@ -209,6 +240,7 @@ class PPO:
         seed: of the network's initial weights, of the action noise and of the minibatches.
         start: weights by name to start from, the input statistics among them then kept, the noise set to `initial_std`; None starts from scratch.
         log_dir: where TensorBoard curves go.
+        network: makes the actor and critic; arguments as `ActorCritic`'s.
 
     Attributes:
         steps: control steps taken so far.
@@ -216,13 +248,21 @@ class PPO:
     """
 
     def __init__(
-        self, worlds: VecEnv, settings: PPOSettings, seed: int, *, start: Mapping[str, npt.NDArray[Any]] | None = None, log_dir: Path | None = None
+        self,
+        worlds: VecEnv,
+        settings: PPOSettings,
+        seed: int,
+        *,
+        start: Mapping[str, Array] | None = None,
+        log_dir: Path | None = None,
+        network: Callable[[int, int, int, np.random.Generator], ActorCritic] = ActorCritic,
     ) -> None:
         self.settings = settings
         self.limit = float(worlds.action_space.high[0])  # type: ignore[attr-defined]
         self.rng = np.random.default_rng(seed)
-        (observations,), (actions,) = worlds.observation_space.shape, worlds.action_space.shape  # type: ignore[misc]
-        self.network = ActorCritic(observations, actions, settings.width, self.rng)
+        (inputs,), (self._actions,) = worlds.observation_space.shape, worlds.action_space.shape  # type: ignore[misc]
+        self.network = network(inputs, self._actions, settings.width, self.rng)
+        observations = inputs - self.network.passed
         self._scale: RunningMeanStd | None = None if start is not None else RunningMeanStd(shape=(observations,))
         self.mean, self.std = np.zeros(observations), np.ones(observations)
         if start is not None:
@@ -234,14 +274,14 @@ class PPO:
         self.network.arrays["log_std_net.bias"][:] = np.log(settings.initial_std)
         self._adam = _Adam(self.network.values.size)
         self._reward_scale = RunningMeanStd(shape=())
-        self._log_dir, self._logger = log_dir, None
+        self._log_dir, self._logger = log_dir, cast(Logger | None, None)
         self._begin(worlds)
         self.steps = 0
         self.episodes: list[tuple[int, float]] = []
 
     def _begin(self, worlds: VecEnv | None) -> None:
         self.worlds = worlds
-        self._states: npt.NDArray[Any] | None = None
+        self._states: Array | None = None
         self._discounted = np.zeros(worlds.num_envs if worlds else 0)
 
     def paused(self) -> PPO:
@@ -255,12 +295,12 @@ class PPO:
         self._begin(worlds)
         return self
 
-    def scale_inputs_as(self, weights: Mapping[str, npt.NDArray[Any]]) -> None:
+    def scale_inputs_as(self, weights: Mapping[str, Array]) -> None:
         """Use the input statistics among `weights`, and learn no others."""
         self.mean, self.std = (np.asarray(weights[f"features_extractor.{name}"], float) for name in ("mean", "std"))
         self._scale = None
 
-    def state(self) -> dict[str, npt.NDArray[Any]]:
+    def state(self) -> dict[str, Array]:
         """Weights and input statistics by name, as copies; a state dict of `GaussianPolicy`'s."""
         scale = {"features_extractor.mean": self.mean.astype(np.float32), "features_extractor.std": self.std.astype(np.float32)}
         return scale | {name: array.copy() for name, array in self.network.arrays.items()}
@@ -272,45 +312,46 @@ class PPO:
             self.update(rollout, last, max(1 - self.steps / total, _FINAL_RATE))
             self._log()
 
-    def _scaled(self, observations: npt.NDArray[Any]) -> Floats:
-        found: Floats = np.clip((observations - self.mean) / self.std, -CLIP, CLIP).astype(np.float32)
+    def _scaled(self, observations: Array) -> Array:
+        size = self.mean.size
+        found = observations.astype(np.float32)
+        found[:, :size] = np.clip((observations[:, :size] - self.mean) / self.std, -CLIP, CLIP)
         return found
 
-    def collect(self, advance: Advance) -> tuple[_Rollout, Floats]:
+    def collect(self, advance: Advance) -> tuple[_Rollout, Array]:
         """Act for a batch; what happened, and the values (n,) of the states that it ended in."""
         assert self.worlds is not None
         settings, count = self.settings, self.worlds.num_envs
         shape = (settings.rollout_steps, count)
-        rollout = _Rollout(*(np.zeros((*shape, *size), np.float32) for size in ((self.mean.size,), (self.worlds.action_space.shape), (), (), (), ())))
+        rollout = _Rollout(*(np.zeros((*shape, *size), np.float32) for size in ((self.mean.size + self.network.passed,), (self._actions,), (), (), (), ())))
         seen = np.zeros((*shape, self.mean.size))
-        if self._states is None:
-            self._states = np.asarray(self.worlds.reset())
+        states = np.asarray(self.worlds.reset()) if self._states is None else self._states
         for step in range(settings.rollout_steps):
-            seen[step] = self._states
-            x = self._scaled(self._states)
+            seen[step] = states[:, : self.mean.size]
+            x = self._scaled(states)
             mean, log_std = self.network.act(x)
             noise = self.rng.standard_normal(mean.shape, np.float32)
             action = mean + np.exp(log_std) * noise
             rollout.observations[step], rollout.actions[step] = x, action
             rollout.log_probabilities[step], rollout.values[step] = _log_probability(noise, log_std), self.network.value(x)
-            self._states, rewards, dones, infos = self.worlds.step(np.clip(action, -1, 1) * self.limit)  # type: ignore[assignment]
+            states, rewards, dones, infos = self.worlds.step(np.clip(action, -1, 1) * self.limit)  # type: ignore[assignment]
             self.steps += count
             rollout.rewards[step] = self._rewarded(rewards, dones, infos)
             rollout.goes_on[step] = ~dones
             advance(count)
-        assert self._states is not None
-        last = self.network.value(self._scaled(self._states))
+        self._states = states
+        last = self.network.value(self._scaled(states))
         if self._scale is not None:
             # Not before: the update that follows compares with the probabilities of the policy that acted.
             self._scale.update(seen.reshape(-1, self.mean.size))
         return rollout, last
 
-    def _rewarded(self, rewards: npt.NDArray[Any], dones: npt.NDArray[Any], infos: list[dict[str, Any]]) -> npt.NDArray[Any]:
+    def _rewarded(self, rewards: Array, dones: Array, infos: list[dict[str, Any]]) -> Array:
         """Rewards in spreads of the discounted return; what an episode cut off by its time limit would still have brought is added."""
         gamma = self.settings.gamma
         self._discounted = self._discounted * gamma + rewards
         self._reward_scale.update(self._discounted)
-        scaled: npt.NDArray[Any] = np.clip(rewards / np.sqrt(self._reward_scale.var + 1e-8), -_REWARD_CLIP, _REWARD_CLIP)
+        scaled: Array = np.clip(rewards / np.sqrt(self._reward_scale.var + 1e-8), -_REWARD_CLIP, _REWARD_CLIP)
         if dones.any():
             self._discounted[dones] = 0
             for index in np.flatnonzero(dones):
@@ -320,23 +361,23 @@ class PPO:
                     scaled[index] += gamma * self.network.value(self._scaled(infos[index]["terminal_observation"][None]))[0]
         return scaled
 
-    def update(self, rollout: _Rollout, last: Floats, share: float = 1.0) -> None:
+    def update(self, rollout: _Rollout, last: Array, share: float = 1.0) -> None:
         """Learn from a batch, at `share` of the learning rate."""
         settings = self.settings
         advantages = self._advantages(rollout, last)
-        flat = [values.reshape(-1, *values.shape[2:]) for values in (rollout.observations, rollout.actions, rollout.log_probabilities)]
-        flat += [advantages.ravel(), (advantages + rollout.values).ravel()]
+        columns = (rollout.observations, rollout.actions, rollout.log_probabilities, advantages, advantages + rollout.values)
+        x, *flat = (values.reshape(-1, *values.shape[2:]) for values in columns)
         rate = settings.learning_rate * share
         for _ in range(settings.epochs):
-            order = self.rng.permutation(len(flat[0]))
+            order = self.rng.permutation(len(x))
             for begin in range(0, len(order), settings.batch_size):
                 picked = order[begin : begin + settings.batch_size]
-                gradient = self.network.gradient(*(values[picked] for values in flat), settings)
+                gradient = self.network.gradient(x[picked], *(values[picked] for values in flat), settings=settings)
                 self._adam.step(self.network.values, gradient, rate)
         if self._scale is not None:
             self.mean, self.std = self._scale.mean.copy(), np.maximum(np.sqrt(self._scale.var), 1e-6)
 
-    def _advantages(self, rollout: _Rollout, last: Floats) -> Floats:
+    def _advantages(self, rollout: _Rollout, last: Array) -> Array:
         """Generalised advantage estimates (Schulman et al. 2016), (T, n)."""
         gamma, found = self.settings.gamma, np.zeros_like(rollout.rewards)
         following, advantage = last, np.zeros_like(last)

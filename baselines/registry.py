@@ -16,6 +16,7 @@ from mpge_bench.envs.errors import UserError
 ADDRESSES = {
     "direct": "mpge_bench.baselines.direct:Direct",
     "target_optimal": "mpge_bench.baselines.direct:TargetOptimal",
+    "perfect": "mpge_bench.baselines.direct:Perfect",
     "ane": "mpge_bench.baselines.ane:ANE",
     "rarl": "mpge_bench.baselines.rarl:RARL",
     "randomization": "mpge_bench.baselines.randomization:Randomization",

@@ -53,7 +53,8 @@ def main(
 
 def _keep(name: str, found: Mismatch) -> None:
     pairs = {other: asdict(values) for other, values in (stored_mismatches() if STORE.exists() else {}).items() if other in TASKS} | {name: asdict(found)}
-    data = {"versions": {package: version(package) for package in ("pybullet", "numpy", "scipy")}, "pairs": {one: pairs[one] for one in TASKS if one in pairs}}
+    versions = {package: version(package) for package in ("pybullet", "mujoco", "gymnasium", "numpy", "scipy")}
+    data = {"versions": versions, "pairs": {one: pairs[one] for one in TASKS if one in pairs}}
     partial = STORE.with_suffix(".partial")
     partial.write_text(json.dumps(data, indent=1) + "\n")
     partial.replace(STORE)

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 import typer
 
+from mpge_bench.baselines.evaluation import SEED, returns
 from mpge_bench.baselines.policy import load_state, policy_from
 from mpge_bench.baselines.vector import Noise
 from mpge_bench.envs import get_task
-from mpge_bench.baselines.evaluation import SEED, returns
 
 STDS = (0.0, 0.1, 0.2, 0.4, 0.6)
 #: Rows, each with where its runs lie. The second is the control: trained on for as long as the robust ones, without any noise

@@ -12,12 +12,12 @@ import numpy as np
 import torch
 import typer
 
+from mpge_bench.baselines.evaluation import SEED
 from mpge_bench.baselines.policy import Array, load_state, policy_from
 from mpge_bench.baselines.progress import Silent
 from mpge_bench.baselines.registry import get_method
 from mpge_bench.baselines.vector import Transformation, Worlds
 from mpge_bench.envs import Task, get_task
-from mpge_bench.baselines.evaluation import SEED
 from mpge_bench.harness.run import problem_of, read_result, stored_run
 
 #: Control steps of the agent that are looked at, a world.

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.physics import Physics, Simulator
 from mpge_bench.envs.robots.robot import Array, Robot
 from mpge_bench.envs.world import World
 
@@ -22,6 +23,7 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         robot: supplies observation, reward and termination (its docstring says which).
         effects: what the target's physics has and the source's lacks.
         render_mode: ``"rgb_array"`` for `render`.
+        simulator: what the robot moves in, where that is not PyBullet; it knows no effects. Pictures are PyBullet's all the same.
 
     Raises:
         UserError: if an effect names what the robot has not, or the render mode is unknown.
@@ -29,14 +31,14 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 25}
 
-    def __init__(self, robot: Robot, effects: Sequence[Effect] = (), render_mode: str | None = None) -> None:
+    def __init__(self, robot: Robot, effects: Sequence[Effect] = (), render_mode: str | None = None, simulator: Simulator | None = None) -> None:
         if render_mode not in (None, "rgb_array"):
             raise UserError(f"unknown render mode {render_mode!r}; there is rgb_array")
         self.robot = robot
         self.effects = tuple(effects)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / robot.dt)}
-        self.world = robot.world(effects)
+        self.world: Physics = simulator.world(robot.joints) if simulator else robot.world(effects)
         self._rise = robot.rise(effects)
         self._view: World | None = None
         limit = np.full(len(robot.actuators), robot.action_limit)

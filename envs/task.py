@@ -12,6 +12,7 @@ from mpge_bench.envs.effects import Effect, Hidden
 from mpge_bench.envs.env import RobotEnv
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.fingerprint import fingerprint
+from mpge_bench.envs.physics import Simulator
 from mpge_bench.envs.robots.robot import Array, Robot
 from mpge_bench.envs.severity import AT, Severity, plain
 
@@ -35,6 +36,7 @@ class Task:
         track: the kind of pair among whose like it is reported, one of `TRACKS`.
         development: whether settings may be chosen on it; on all others they are only reported.
         severity: what ``NAME@value`` sets, if there is one figure that says how far target and source are apart.
+        simulator: what the target moves in, where that is not PyBullet; it then has no effects: all of its physics is another.
     """
 
     name: str
@@ -47,9 +49,12 @@ class Task:
     track: str = ""
     development: bool = False
     severity: Severity | None = None
+    simulator: Simulator | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(self.effects))
+        if self.effects and self.simulator:
+            raise ValueError(f"{self.name}: effects are PyBullet's; a target in {self.simulator.name} has none")
         object.__setattr__(self, "address", self.address or self.name)
 
     def source(self) -> RobotEnv:
@@ -57,8 +62,16 @@ class Task:
         return RobotEnv(self.robot)
 
     def target(self, render_mode: str | None = None) -> RobotEnv:
-        """A new target environment."""
-        return RobotEnv(self.robot, self.effects, render_mode)
+        """A new target environment.
+
+        Raises:
+            UserError: if its simulator is not installed.
+        """
+        return RobotEnv(self.robot, self.effects, render_mode, self.simulator)
+
+    def undone(self) -> Task:
+        """The pair of the source with itself."""
+        return replace(self, effects=(), simulator=None)
 
     def at(self, value: float) -> Task:
         """The pair at another severity, called ``NAME@value``: of no track, since that is the registered pair's, but of development if that one is.
@@ -83,7 +96,7 @@ class Task:
     @property
     def has_action_transformation(self) -> bool:
         """Whether the mismatch is an action transformation known in closed form: actions are torques and every effect is a function of the command alone."""
-        return not self.robot.servos and all(effect.maps_command for effect in self.effects)
+        return not (self.simulator or self.robot.servos) and all(effect.maps_command for effect in self.effects)
 
     def action_transformation(self, action: Array) -> Array:
         """The true ã*(a): the action that makes the source do what the target does under `action`, both of shape (n, actuators).
@@ -106,7 +119,7 @@ class Task:
         return {"robot": _source_fingerprint(self.robot), "pair": _target_fingerprint(self)}
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data: name, robot, effects, summary, citation, note, track and development."""
+        """Plain data: name, robot, effects, summary, citation, note, track, development and simulator (of the target)."""
         return {
             "name": self.name,
             "robot": self.robot.name,
@@ -116,6 +129,7 @@ class Task:
             "note": self.note,
             "track": self.track,
             "development": self.development,
+            "simulator": self.simulator.name if self.simulator else "PyBullet",
         }
 
 

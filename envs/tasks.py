@@ -24,6 +24,7 @@ from mpge_bench.envs.effects import (
 )
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.families import FAMILIES, INSTANCES
+from mpge_bench.envs.mujoco_targets import GYMNASIUM
 from mpge_bench.envs.robots import ROBOTS
 from mpge_bench.envs.robots.minitaur import RESISTANCE, TORQUE_CONSTANT
 from mpge_bench.envs.severity import AT, Severity
@@ -212,6 +213,19 @@ TASKS: dict[str, Task] = {
             "target angles reach the motors' controllers 20 ms late (a control step is 10 ms)",
             _OURS,
             severity=_LATENCY,
+        ),
+        *(
+            Task(
+                name,
+                ROBOTS[robot],
+                (),
+                "the whole simulator: Gymnasium's own robot in MuJoCo",
+                "Gymnasium",
+                "Nobody here wrote the target: masses, contact model, integrator and armature are Gymnasium's and MuJoCo's.",
+                track="headline",
+                simulator=GYMNASIUM[robot],
+            )
+            for name, robot in (("mujoco_hopper", "hopper"), ("mujoco_cheetah", "half_cheetah"), ("mujoco_walker", "walker"), ("mujoco_ant", "ant"))
         ),
     )
 }

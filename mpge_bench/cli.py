@@ -386,7 +386,7 @@ def leaderboard(
     if update:
         if results or plots or markdown:
             raise UserError("--update writes the page of leaderboard/results; give it alone, or leave it out to see other results")
-        for path in page.update():
+        for path in page.update(page.OWN):
             _out.print(f"{path}: written", markup=False, soft_wrap=True)
         return
     folder = results or Path("leaderboard/results")

@@ -26,9 +26,15 @@ _WANTED = {
 }
 
 
+#: Set where the common code path could not be asked for, so that worker processes do not take it either: all of a run's shall be alike.
+_LEFT = "MPGE_BENCH_CODE_PATH_LEFT"
+
+
 def fix() -> None:
     """Ask for the common code path, but where the environment asks for another one already, or numpy was imported before."""
-    if "numpy" not in sys.modules and _has_avx2():
+    if "numpy" in sys.modules or not _has_avx2():
+        os.environ.setdefault(_LEFT, "1")
+    elif _LEFT not in os.environ:
         for name, value in _WANTED.items():
             os.environ.setdefault(name, value)
 

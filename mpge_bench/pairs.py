@@ -30,6 +30,7 @@ def _entry(task: Task, mismatch: Mismatch | None) -> dict[str, Any]:
     return {
         **task.to_dict(),
         "severity": task.severity.to_dict() if task.severity else None,
+        "lacks": task.simulator.lacks() if task.simulator else "",
         "observation_size": robot.observation_size,
         "action_size": len(robot.actuators),
         "control_step_s": robot.dt,
@@ -61,12 +62,13 @@ def table(entries: list[dict[str, Any]]) -> Table:
         row_styles=["", "dim"],
     )
     for entry in entries:
-        effects = ", ".join(dict.fromkeys(effect["effect"] for effect in entry["effects"]))
+        effects = ", ".join(dict.fromkeys(effect["effect"] for effect in entry["effects"])) or entry["simulator"]
+        lacks = f". {entry['lacks']}" if entry["lacks"] else ""
         measured = entry["mismatch"]
         size, share = (f"{measured['mismatch']:.2g}", f"{max(measured['removable'], 0):.0%}") if measured else ("-", "-")
         dimensions = f"{entry['observation_size']} × {entry['action_size']}"
         track = entry["track"] + ("*" if entry["development"] else "")
-        drawn.add_row(entry["name"], dimensions, f"{entry['summary']} ({effects})", _short_citation(entry["citation"]), track, size, share)
+        drawn.add_row(entry["name"], dimensions, f"{entry['summary']} ({effects}){lacks}", _short_citation(entry["citation"]), track, size, share)
     return drawn
 
 
@@ -108,7 +110,8 @@ def text(page: dict[str, Any]) -> str:
         f" {page['episode_steps']} steps an episode.",
     ]
     lines += [f"Gymnasium: source {ids['source']}, target {ids['target']}."] if ids["source"] and ids["target"] else []
-    lines += ["", "Effects of the target:"]
+    lines += [page["lacks"]] if page["lacks"] else []
+    lines += ["", "Effects of the target:" if page["effects"] else f"The target has no effects: it moves in {page['simulator']}."]
     for effect in page["effects"]:
         values = ", ".join(f"{key} {_short(value)}" for key, value in effect.items() if key not in ("effect", "target"))
         lines.append(f"  {effect['effect']} on {effect['target']}: {values}")

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# Before NumPy and PyTorch are imported; what tests start, pytest-xdist's workers and the command line, inherits it.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Before NumPy and PyTorch are imported: it settles the code path of the math libraries, for what tests start, too.
+import mpge_bench  # noqa: F401  # isort: skip
 
 import numpy as np
 import pytest
@@ -21,6 +20,9 @@ from mpge_bench.cli import main
 from mpge_bench.envs import RobotEnv, get_task
 
 torch.set_num_threads(1)
+
+#: After this a process counts as hung, s: long, for a machine that is busy with other things.
+PATIENCE = 600
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:

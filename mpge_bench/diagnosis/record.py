@@ -18,10 +18,10 @@ from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.diagnosis.recording import write_table
 from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.envs import get_task
+from mpge_bench.envs import RobotEnv, Task, get_task
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.physics import Physics
 from mpge_bench.envs.robots.robot import Robot
-from mpge_bench.envs.world import World
 from mpge_bench.policies import FOLDER, load_set
 
 Array = npt.NDArray[np.float64]
@@ -99,7 +99,7 @@ def record(
     except OSError as error:
         raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another folder with --out") from error
     try:
-        world = _write_rig(settings, robot, partial).world(effects, substeps=robot.substeps) if can_be_rig(robot) else robot.world(effects)
+        world: Physics = _write_rig(settings, robot, partial).world(effects, substeps=robot.substeps) if can_be_rig(robot) else _side(task, settings).world
         progress.stage(f"{settings.episodes} episodes", settings.episodes * steps)
         tables = {}
         rise = robot.rise(effects)
@@ -131,6 +131,10 @@ def record(
             raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another folder with --out") from error
         raise
     return tables
+
+
+def _side(task: Task, settings: RecordSettings) -> RobotEnv:
+    return task.source() if settings.source else task.target()
 
 
 def random_actions(robot: Robot, steps: int, rng: np.random.Generator) -> Array:
@@ -165,11 +169,11 @@ def _write_rig(settings: RecordSettings, robot: Robot, folder: Path) -> Rig:
 _BASE = {"q": ["x", "y", "z", "qx", "qy", "qz", "qw"], "dq": ["vx", "vy", "vz", "wx", "wy", "wz"]}
 
 
-def _columns(prefix: str, world: World) -> list[str]:
+def _columns(prefix: str, world: Physics) -> list[str]:
     return [*(_BASE[prefix] if world.floating and prefix in _BASE else ()), *(f"{prefix}_{joint}" for joint in world.joints)]
 
 
-def _episode(world: World, robot: Robot, policy: PolicySet | None, steps: int, rng: np.random.Generator, rise: float) -> pd.DataFrame:
+def _episode(world: Physics, robot: Robot, policy: PolicySet | None, steps: int, rng: np.random.Generator, rise: float) -> pd.DataFrame:
     """One row a control step, with the state that the sensors read before the row's command acts."""
     actions = random_actions(robot, steps, rng) if policy is None else np.empty((steps, len(robot.actuators)))
     driven = [world.joints.index(joint) for joint in robot.actuators]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from mpge_bench.baselines.grounding.inverse import Solution, Solver
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.problem import Transitions
 from mpge_bench.baselines.vector import Identity, Transformation, Worlds
-from mpge_bench.envs import RobotEnv, Task
+from mpge_bench.envs import Task
 from mpge_bench.harness.optimal import Twin, state_spread, whole_state
 
 ERROR_STEPS = 2048
@@ -70,11 +69,9 @@ def action_transformation_error(task: Task, transformation: Transformation | Non
 def action_transformation_floor(task: Task, steps: int = ERROR_STEPS, seed: int = SEED) -> float:
     """How far apart two equally good ã* are, mean over the states of `action_transformation_error`: what that error means nothing below.
 
-    0 where ã* is known in closed form. Elsewhere it is found a second time from a random start; where that ends in a worse place, the first one stands
-    alone and counts as 0.
+    At an end stop, say, another action does the same; so the floor is found numerically also where one ã* is known in closed form. ã* is found a second
+    time from a random start; where that ends in a worse place, the first one stands alone and counts as 0.
     """
-    if task.has_action_transformation:
-        return 0.0
     rng = np.random.default_rng(seed)
     return float(np.mean([best.apart(again()) for best, _, again in _solved(task, None, steps, rng, seed)]))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -82,7 +81,7 @@ def state_spread(task: Task, count: int = 300, seed: int = 0) -> Array:
     """Standard deviation of each entry of the whole state's change in a control step, over `count` random transitions of the target and of the source."""
     features = whole_state(task.robot)
     changes: list[Array] = []
-    for pair in (task, replace(task, effects=())):
+    for pair in (task, task.undone()):
         changes += [features(q_next, dq_next) - features(q, dq) for q, dq, _, q_next, dq_next in random_transitions(pair, count, seed)]
     spread: Array = np.std(changes, axis=0)
     return spread

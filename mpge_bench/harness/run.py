@@ -23,12 +23,13 @@ import torch
 from filelock import FileLock, Timeout
 from safetensors.torch import save_file
 
-from mpge_bench import policies
-from mpge_bench.baselines.evaluation import SEED, Returns, returns
+from mpge_bench import numerics, policies
+from mpge_bench.baselines.evaluation import EPISODES, SEED, returns
+from mpge_bench.baselines.grounding.store import save_grounding
 from mpge_bench.baselines.method import Result
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
 from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
-from mpge_bench.baselines.problem import Problem, roll_out_each
+from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs import Task, get_task
@@ -36,23 +37,18 @@ from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.harness.metrics import (
     ERROR_STEPS,
     action_transformation_error,
-    action_transformation_floor,
     learning,
     normalized_return,
     transition_error,
-    transition_floor,
 )
+from mpge_bench.harness.references import References, probe, references
 from mpge_bench.harness.residuals import draw_residuals
+from mpge_bench.harness.result import SCHEMA, read_result
 from mpge_bench.provenance import commit
 
-SCHEMA = "mpge_bench/run/1"
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
-#: What a result has to say for the run to be known again, and repeated.
-_IDENTITY = {"address", "pair", "method", "samples", "preset", "seed", "overrides", "noise", "variant", "settings"}
 #: In a run's partial folder, held while the run is made.
 _LOCK = "lock"
-#: Target transitions that the harness draws, outside the method's budget, to measure the transition error on.
-_PROBE = 1000
 
 
 @dataclass(frozen=True)
@@ -153,7 +149,7 @@ def run(
     if present:
         return present
     # What is missing shall be known before the work, not after it.
-    sources, _ = (policies.load_set(task, kind, policy_folder) for kind in ("source", "target"))
+    known = references(settings.task, policy_folder)
     problem = problem_of(settings, chosen, policy_folder)
     begun = time.monotonic()
     with _own_folder(settings, out) as partial:
@@ -165,16 +161,8 @@ def run(
         policy = _checked(result.policy, settings.method, task)
         progress.stage("evaluation", 0)
         evaluated = time.monotonic()
-        own = returns(task.target, policy)
-        found = {
-            "policy": own,
-            "direct": _reference(settings.task, "source", policy_folder),
-            "target_optimal": _reference(settings.task, "target", policy_folder),
-            "grounded": returns(task.source, policy, transformation=result.grounding) if result.grounding else None,
-        }
-        probe = roll_out_each(task.target, sources, _PROBE // len(sources), [SEED] * len(sources))
+        measured = _measured(settings, result, policy, known, problem)
         curve = _curve(task, result)
-        ungrounded, floor = _ungrounded(settings.task)
         data = {
             "schema": SCHEMA,
             **asdict(settings),
@@ -183,22 +171,14 @@ def run(
             "address": settings.task,
             "variant": settings.variant,
             "pair": task.to_dict(),
+            "fingerprints": task.fingerprints(),
+            "access": sorted(method.access),
             "settings": asdict(chosen),
             "target_samples": problem.drawn,
-            "returns": {name: asdict(value) if value else None for name, value in found.items()},
-            "normalized_return": _normalized(found, own),
-            "oracle": _oracle(result, settings.method, task, found, own),
+            **measured,
+            "oracle": _oracle(result, settings.method, task, known, policy),
             "learning": learning(result.episodes, settings.samples),
-            "action_transformation_error": {
-                "value": action_transformation_error(task, result.grounding) if result.grounding else None,
-                "source": ungrounded,
-                "floor": floor,
-            },
-            "transition_error": {
-                "value": transition_error(task, probe, result.grounding) if result.grounding else None,
-                "source": transition_error(task, probe),
-                "floor": transition_floor(task, probe),
-            },
+            "grounding": "grounding.safetensors" if result.grounding and save_grounding(partial / "grounding.safetensors", result.grounding) else None,
             "curve": "curve.parquet" if len(curve) else None,
             "episodes": "episodes.parquet" if result.episodes else None,
             "residuals": "residuals.parquet" if result.residuals is not None else None,
@@ -212,7 +192,7 @@ def run(
             },
             "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
             "commit": commit(),
-            "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs},
+            "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs, "fixed_code_path": numerics.is_fixed()},
         }
         if len(curve):
             curve.to_parquet(partial / "curve.parquet")
@@ -275,19 +255,28 @@ def _plain(value: Any) -> Any:
 def problem_of(settings: RunSettings, chosen: Any, folder: Path = policies.FOLDER) -> Problem:
     """The problem that the run's method is given, the method's settings being `chosen`.
 
-    Of the source policies in `folder` number seed mod five comes first, so that seeds start from different ones, and as many as the settings say.
+    Of the source policies in `folder` number seed mod five comes first, so that seeds start from different ones. As many as the settings say collect the
+    target's samples; agents may start from any. So methods that let the same policies collect get the same samples, and all agents the same starts.
 
     Raises:
         UserError: if there are not so many, or if they are missing or corrupt.
     """
     task = get_task(settings.task)
     kind = "er" if getattr(chosen, "rollouts", "ms") == "er" else get_method(settings.method).policies
-    known = policies.load_set(task, kind, folder)
+    known = _rotated(policies.load_set(task, kind, folder), settings.seed)
     count = getattr(chosen, "policies", len(known))
     if not 1 <= count <= len(known):
         raise UserError(f"setting policies is {count}; there are {len(known)} {kind} policies of {task.name}")
-    rollouts = PolicySet([known.weights[(settings.seed + index) % len(known)] for index in range(count)], known.limit)
-    return Problem(task, rollouts, settings.samples, settings.seed, settings.noise)
+    sources = _rotated(policies.load_set(task, "source", folder), settings.seed)
+    problem = Problem(task, PolicySet(known.weights[:count], known.limit), settings.samples, settings.seed, settings.noise, sources)
+    if get_method(settings.method).at_target:
+        problem.source = task.target
+    return problem
+
+
+def _rotated(known: PolicySet, seed: int) -> PolicySet:
+    turn = seed % len(known)
+    return PolicySet([*known.weights[turn:], *known.weights[:turn]], known.limit)
 
 
 def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task) -> Policy:
@@ -316,28 +305,51 @@ def _weights(policy: Policy) -> dict[str, torch.Tensor]:
     return {name: tensor.detach().contiguous().clone() for name, tensor in policy.state().items()}
 
 
-def _normalized(found: Mapping[str, Returns | None], policy: Returns) -> float | None:
-    direct, optimal = found["direct"], found["target_optimal"]
-    assert direct is not None
-    assert optimal is not None
-    return normalized_return(policy.mean, direct.mean, optimal.mean)
+def _measured(settings: RunSettings, result: Result, policy: Policy, known: References, problem: Problem) -> dict[str, Any]:
+    """Returns and errors of a result, beside those of the pair's references."""
+    task, grounding = get_task(settings.task), result.grounding
+    own = returns(task.target, policy)
+    found = {
+        "policy": own,
+        "direct": known.direct,
+        "optimal": known.optimal,
+        "grounded": returns(task.source, policy, transformation=grounding) if grounding else None,
+    }
+    return {
+        "returns": {name: asdict(value) if value else None for name, value in found.items()},
+        "normalized_return": normalized_return(own.mean, known.direct.mean, known.optimal.mean),
+        "on_policy_mismatch": known.on_policy_mismatch,
+        "action_transformation_error": {
+            "value": action_transformation_error(task, grounding) if grounding else None,
+            "source": known.action_error,
+            "floor": known.action_floor,
+        },
+        "transition_error": {
+            "value": transition_error(task, probe(task, problem.sources), grounding) if grounding else None,
+            "source": known.transition_error,
+            "floor": known.transition_floor,
+        },
+    }
 
 
-def _oracle(result: Result, method: str, task: Task, found: Mapping[str, Returns | None], own: Returns) -> dict[str, Any] | None:
-    """Of a method's sweep the policy with the best return in the target, which no method may know: how the papers tuned ANE and RARL."""
+def _oracle(result: Result, method: str, task: Task, known: References, own: Policy) -> dict[str, Any] | None:
+    """Of a method's sweep the policy with the best return in the target, which no method may know: how the papers tuned ANE and RARL.
+
+    It is chosen on one set of episodes and scored on another, or the best of several lucky ones would be shown.
+    """
     if not result.sweep:
         return None
-    # The method's own policy, one of them, has been measured already.
-    tried = {
-        label: own if state is result.policy else returns(task.target, _checked(state, method, task)) for label, state in result.sweep.items()
-    }
-    best = max(tried, key=lambda label: tried[label].mean)
+    tried = {label: own if state is result.policy else _checked(state, method, task) for label, state in result.sweep.items()}
+    means = {label: returns(task.target, policy, seed=SEED + 1).mean for label, policy in tried.items()}
+    best = max(means, key=lambda label: means[label])
+    scored = returns(task.target, tried[best])
     return {
         "chosen": best,
-        "returns": asdict(tried[best]),
-        "normalized_return": _normalized(found, tried[best]),
-        "target_episodes": sum(one.episodes for one in tried.values()),
-        "tried": {label: one.mean for label, one in tried.items()},
+        "chosen_by": means[best],
+        "returns": asdict(scored),
+        "normalized_return": normalized_return(scored.mean, known.direct.mean, known.optimal.mean),
+        "target_episodes": EPISODES * len(tried),
+        "tried": means,
     }
 
 
@@ -378,36 +390,6 @@ def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict
     if found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
         raise UserError(f"{folder} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
     return found
-
-
-@functools.cache
-def _reference(task: str, kind: str, folder: Path) -> Returns:
-    """Return in the target of the source or target-optimal policies; the same in every run, so measured once a process."""
-    return returns(get_task(task).target, policies.load_set(get_task(task), kind, folder))
-
-
-@functools.cache
-def _ungrounded(task: str) -> tuple[float, float]:
-    """Action-transformation error of the ungrounded source and its floor; the same in every run, so measured once a process."""
-    return action_transformation_error(get_task(task), None), action_transformation_floor(get_task(task))
-
-
-def read_result(path: Path) -> dict[str, Any]:
-    """The result in the file `path`.
-
-    Raises:
-        UserError: if it is no result of this benchmark.
-    """
-    try:
-        data = json.loads(path.read_text())
-        if data["schema"] != SCHEMA:
-            raise KeyError(f"schema {data['schema']}, not {SCHEMA}")
-        missing = _IDENTITY - data.keys()
-        if missing:
-            raise KeyError(f"it lacks {', '.join(sorted(missing))}")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: not a result file ({error}); remove it and run again") from error
-    return dict(data)
 
 
 def _curve(task: Task, result: Result) -> pd.DataFrame:

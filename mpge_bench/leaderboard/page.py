@@ -37,7 +37,7 @@ _BOARD = Path(__file__).parents[2] / "leaderboard"
 OWN = Places(_BOARD / "results", _BOARD / "README.md", _BOARD / "plots", STORE)
 
 
-def update(places: Places = OWN) -> list[Path]:
+def update(places: Places) -> list[Path]:
     """Write page, plots and store anew from the results, plots that are no longer made removed; return what was written.
 
     Raises:
@@ -59,7 +59,7 @@ def update(places: Places = OWN) -> list[Path]:
     return written
 
 
-def texts(found: pd.DataFrame, places: Places = OWN) -> dict[Path, str]:
+def texts(found: pd.DataFrame, places: Places) -> dict[Path, str]:
     """What `update` writes, but for the plots, by where it goes."""
     kept = {task: one for (task, preset), one in perfect(found).items() if preset == "standard"} if len(found) else {}
     return {places.page: "\n".join(_page(found, places)), places.store: perfect_text(kept)}
@@ -72,8 +72,9 @@ def _page(found: pd.DataFrame, places: Places) -> Iterator[str]:
         return
     runs = found[~found["method"].str.endswith(ORACLE)]
     yield f"{len(runs)} runs on {found['task'].nunique()} pairs.\n"
+    drawn = pictures(found)
     for section in sections(found):
         yield f"## {section.title}\n"
         folder = places.plots.relative_to(places.page.parent).as_posix()
-        yield from (f"{one.caption}\n\n![{one.caption}]({folder}/{one.name})\n" for one in pictures(section))
+        yield from (f"{one.caption}\n\n![{one.caption}]({folder}/{one.name})\n" for one in drawn[section.slug])
         yield from (sheet.markdown() for sheet in section_sheets(section))

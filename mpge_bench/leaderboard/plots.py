@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 
-from mpge_bench.leaderboard.estimates import Estimate, interquartile_mean, interquartile_means, profiles
+from mpge_bench.leaderboard.estimates import Estimate, Scores, interquartile_mean, interquartile_means, profiles
 from mpge_bench.leaderboard.results import ORACLE, Comparison, Section, comparisons, perfect, sections
 from mpge_bench.leaderboard.tables import LARGEST_FLOOR
 
@@ -49,13 +50,16 @@ class Picture:
     make: Callable[[], Figure]
 
 
-def pictures(section: Section) -> list[Picture]:
-    """The plots that there are results for, in order."""
-    labels = [_label(*one) for one in zip(section.results["method"], section.results["variant"], strict=True)]
+def pictures(results: pd.DataFrame) -> dict[str, list[Picture]]:
+    """The plots that there are results for, in order, by the slug of their section; a method looks the same in all of them."""
+    styles = _styles(sorted(set(_labels(results))))
+    return {section.slug: _of_section(section, styles) for section in sections(results)}
+
+
+def _of_section(section: Section, styles: _Styles) -> list[Picture]:
     reached = perfect(section.results)
     references = [reached[key].mean if key in reached else np.nan for key in zip(section.results["task"], section.results["preset"], strict=True)]
-    found = section.results.assign(label=labels, perfect=references)
-    styles = _styles(sorted(set(labels)))
+    found = section.results.assign(label=_labels(section.results), perfect=references)
     own = found[~found["method"].str.endswith(ORACLE)]
     curves = own[own["folder"].map(lambda one: (Path(one) / "curve.parquet").exists()).astype(bool)]
     compared = comparisons(section.results)
@@ -74,11 +78,15 @@ def draw(results: pd.DataFrame, folder: Path) -> list[Path]:
     """Draw what `collect` found, as PNG files in `folder`, which is made at need; return those written."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for picture in [one for section in sections(results) for one in pictures(section)]:
+    for picture in itertools.chain.from_iterable(pictures(results).values()):
         half_made = folder / f".{picture.name}.partial"
         picture.make().savefig(half_made, dpi=90, format="png")
         written.append(half_made.replace(folder / picture.name))
     return written
+
+
+def _labels(results: pd.DataFrame) -> list[str]:
+    return [_label(*one) for one in zip(results["method"], results["variant"], strict=True)]
 
 
 def _label(method: str, variant: str) -> str:
@@ -93,18 +101,24 @@ def _styles(labels: Sequence[str]) -> _Styles:
     return dict(zip(others, looks, strict=True)) | {label: {"color": colour, "marker": "x", "linestyle": "--"} for label, colour in _REFERENCES.items()}
 
 
-def _panels(names: Sequence[str], size: tuple[float, float], *, sharex: bool = False, sharey: bool = False) -> tuple[Figure, dict[str, Axes]]:
-    """A figure with a panel a name, at most `_COLUMNS` side by side, each of `size` inches."""
-    columns = min(len(names), _COLUMNS)
+def _panels(
+    names: Sequence[str], size: tuple[float, float], xlabel: str, ylabel: str = "", *, sharex: bool = False, sharey: bool = False
+) -> tuple[Figure, dict[str, Axes]]:
+    """A figure with a panel a name, at most `_COLUMNS` side by side, each of `size` inches; what the axes are is said at the outer ones."""
+    columns = 2 if len(names) == 4 else min(len(names), _COLUMNS)  # four make a square
     rows = -(-len(names) // columns)
     figure = Figure(figsize=(size[0] * max(columns, 2), size[1] * rows + 0.6), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).flat
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).ravel().tolist()
     found = dict(zip(names, panels, strict=False))
-    for spare in list(panels)[len(names) :]:
+    for spare in panels[len(names) :]:
         spare.set_axis_off()
+    for lowest in panels[: len(names)][-columns:]:
+        lowest.set_xlabel(xlabel)
+        lowest.tick_params(labelbottom=True)
     for name, axes in found.items():
         axes.set_title(name, loc="left")
         axes.spines[["top", "right"]].set_visible(False)
+    figure.supylabel(ylabel, fontsize="medium")
     return figure, found
 
 
@@ -128,14 +142,12 @@ def _returns(found: pd.DataFrame, styles: _Styles) -> Figure:
     sizes_of = {label: sorted(group.unique()) for label, group in found.groupby("label")["samples"]}
     samples = sorted(found["samples"].unique())
     colours = dict(zip([size for size in samples if size], _COLOURS * len(samples), strict=False)) | {0: "0.4"}
-    figure, panels = _panels(_tasks(found), (4.2, 0.9 + 0.24 * sum(map(len, sizes_of.values()))), sharey=True)
+    figure, panels = _panels(_tasks(found), (4.2, 0.9 + 0.24 * sum(map(len, sizes_of.values()))), _NORMALISED, sharey=True)
+    middles = _normalized(values)
     for task, axes in panels.items():
         for x in (0, 1):
             axes.axvline(x, color="0.75", linewidth=1, zorder=0)
-        groups = [group for _, group in values[values["task"] == task].groupby(["label", "samples"])]
-        runs = [group["normalized_return"].to_numpy(float) for group in groups]
-        for group, normalized, middle in zip(groups, runs, interquartile_means(runs), strict=True):
-            label, size = group["label"].iloc[0], group["samples"].iloc[0]
+        for label, size, normalized, middle in middles.get(task, ()):
             sizes = sizes_of[label]
             y = labels.index(label) + 0.6 * ((sizes.index(size) + 0.5) / len(sizes) - 0.5)
             axes.scatter(normalized, np.full(len(normalized), y), s=12, color=colours[size], alpha=0.35, linewidths=0)
@@ -145,9 +157,19 @@ def _returns(found: pd.DataFrame, styles: _Styles) -> Figure:
         axes.set_yticks(range(len(labels)), labels)
     for size in samples:
         next(iter(panels.values())).plot([], [], "o", color=colours[size], markersize=5, label=f"{size:,} target samples" if size else "no target samples")
-    figure.supxlabel(_NORMALISED, fontsize="medium")
     _legend(figure)
     return figure
+
+
+def _normalized(values: pd.DataFrame) -> dict[str, list[tuple[str, int, Scores, Estimate]]]:
+    """By task, for each label and sample size: the runs' normalised returns and their interquartile mean."""
+    groups = [group for _, group in values.groupby(["task", "label", "samples"])]
+    runs = [group["normalized_return"].to_numpy(float) for group in groups]
+    found: dict[str, list[tuple[str, int, Scores, Estimate]]] = {}
+    for group, own, middle in zip(groups, runs, interquartile_means(runs), strict=True):
+        first = group.iloc[0]
+        found.setdefault(str(first["task"]), []).append((str(first["label"]), int(first["samples"]), own, middle))
+    return found
 
 
 def _with_budgets(found: pd.DataFrame) -> pd.DataFrame:
@@ -159,20 +181,17 @@ def _with_budgets(found: pd.DataFrame) -> pd.DataFrame:
 def _samples(found: pd.DataFrame, styles: _Styles) -> Figure:
     """Return against target samples (MPGE, figure 4), budgets side by side at equal distances."""
     sizes = sorted(set(found["samples"]) - {0})
-    figure, panels = _panels(_tasks(found), (4.2, 3.4), sharey=True)
+    figure, panels = _panels(_tasks(found), (4.2, 3.4), "target samples", _NORMALISED, sharey=True)
+    middles = _normalized(found)
     for task, axes in panels.items():
-        here = found[found["task"] == task]
-        for label, group in ((str(label), group) for label, group in here.groupby("label")):
-            runs = {size: group.loc[group["samples"] == size, "normalized_return"].to_numpy(float) for size in sorted(group["samples"].unique())}
-            middles = dict(zip(runs, interquartile_means(list(runs.values())), strict=True))
-            if set(middles) == {0}:  # holds for every budget
-                axes.axhline(middles[0].value, linewidth=1.2, color=styles[label]["color"], linestyle=styles[label]["linestyle"], label=label, alpha=0.8)
+        for label in sorted({label for label, *_ in middles[task]}):
+            points = {size: middle for other, size, _, middle in middles[task] if other == label}
+            if set(points) == {0}:  # holds for every budget
+                axes.axhline(points[0].value, linewidth=1.2, color=styles[label]["color"], linestyle=styles[label]["linestyle"], label=label, alpha=0.8)
             else:
-                _line_with_bars(axes, {sizes.index(size): one for size, one in middles.items() if size}, label, styles[label])
+                _line_with_bars(axes, {sizes.index(size): one for size, one in points.items() if size}, label, styles[label])
         axes.set_xticks(range(len(sizes)), [EngFormatter(sep="")(size) for size in sizes])
         axes.margins(x=0.1)
-    figure.supxlabel("target samples", fontsize="medium")
-    figure.supylabel(_NORMALISED, fontsize="medium")
     _legend(figure, list(styles))
     return figure
 
@@ -185,15 +204,13 @@ def _line_with_bars(axes: Axes, points: dict[int, Estimate], label: str, style: 
 
 
 def _profiles(compared: list[Comparison], styles: _Styles) -> Figure:
-    figure, panels = _panels([_compared(one) for one in compared], (4.6, 3.4), sharey=True)
+    figure, panels = _panels([_compared(one) for one in compared], (4.6, 3.4), f"τ: {_NORMALISED}", "share of runs above τ", sharey=True)
     for one, axes in zip(compared, panels.values(), strict=True):
         for method, (share, bounds) in profiles(one.scores, _THRESHOLDS).items():
             style = styles[_label(method, one.preset)]
             axes.plot(_THRESHOLDS, share, color=style["color"], linestyle=style["linestyle"], linewidth=1.5, label=_label(method, one.preset))
             if bounds is not None:
                 axes.fill_between(_THRESHOLDS, *bounds, color=style["color"], alpha=0.08, linewidth=0)
-    figure.supxlabel(f"τ: {_NORMALISED}", fontsize="medium")
-    figure.supylabel("share of runs above τ", fontsize="medium")
     _legend(figure, list(styles))
     return figure
 
@@ -203,7 +220,8 @@ def _compared(one: Comparison) -> str:
 
 
 def _improvements(compared: list[Comparison], styles: _Styles) -> Figure:
-    figure, panels = _panels([_compared(one) for one in compared], (4.6, 0.8 + 0.3 * max(len(one.scores) for one in compared)))
+    size = 4.6, 0.8 + 0.3 * max(len(one.scores) for one in compared)
+    figure, panels = _panels([_compared(one) for one in compared], size, "probability that a run scores more")
     kinds = {False: ("over the next", "o", _COLOURS[0], 0.12), True: ("over direct", "s", _COLOURS[1], -0.12)}
     for one, axes in zip(compared, panels.values(), strict=True):
         names = list(one.scores)[::-1]  # the best at the top
@@ -215,28 +233,24 @@ def _improvements(compared: list[Comparison], styles: _Styles) -> Figure:
             if chance.bounds:
                 axes.plot(chance.bounds, (y, y), color=colour, linewidth=1.5)
         axes.set_yticks(range(len(names)), names)
-        axes.set_xlim(-0.04, 1.04)
-    figure.supxlabel("probability that a run scores more", fontsize="medium")
+        axes.set(xlim=(-0.04, 1.04), ylim=(-0.6, len(names) - 0.4))
     _legend(figure)
     return figure
 
 
 def _grounded(found: pd.DataFrame, styles: _Styles) -> Figure:
     """Return in the grounding against return in the target (MPGE, figure 3), a point a run; on the diagonal the grounding keeps what it promises."""
-    figure, panels = _panels(_tasks(found), (4.2, 3.6))
+    figure, panels = _panels(_tasks(found), (4.2, 3.6), "return in the grounded source", "return in the target")
     for task, axes in panels.items():
         here = found[found["task"] == task]
-        ends = here[["grounded", "return", "direct", "optimal"]].to_numpy(float)
-        axes.plot((ends.min(), ends.max()), (ends.min(), ends.max()), color="0.75", linewidth=1, zorder=0)
-        for name, reference in (("J*", "optimal"), ("perfect", "perfect"), ("direct", "direct")):
+        axes.axline((0, 0), slope=1, color="0.75", linewidth=1, zorder=0)
+        for name, reference, side in (("J*", "optimal", "right"), ("perfect", "perfect", "left"), ("direct", "direct", "right")):
             for level in here[reference].dropna().unique():
                 axes.axhline(level, color="0.6", linestyle="--", linewidth=1, zorder=0)
-                axes.annotate(name, (1, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small", color="0.4")
+                axes.annotate(name, (side == "right", level), xycoords=("axes fraction", "data"), ha=side, va="bottom", fontsize="small", color="0.4")
         for label, group in here.groupby("label"):
             style = styles[str(label)]
             axes.plot(group["grounded"], group["return"], style["marker"], color=style["color"], markersize=5, alpha=0.7, label=label, linestyle="none")
-    figure.supxlabel("return in the grounded source", fontsize="medium")
-    figure.supylabel("return in the target", fontsize="medium")
     _legend(figure, list(styles))
     return figure
 
@@ -244,7 +258,7 @@ def _grounded(found: pd.DataFrame, styles: _Styles) -> Figure:
 def _curves(found: pd.DataFrame, styles: _Styles) -> Figure:
     """Lines are means over seeds, bands reach from the least to the largest; a method that grounds at once is a mark."""
     groups = {f"{task}, {size:,} target samples": group for (task, size), group in found.groupby(["task", "samples"])}
-    figure, panels = _panels(list(groups), (4.2, 3.2), sharex=True)
+    figure, panels = _panels(list(groups), (4.2, 3.2), "simulator steps of a grounding", "action-transformation error", sharex=True)
     for here, axes in zip(groups.values(), panels.values(), strict=True):
         for label, group in ((str(label), group) for label, group in here.groupby("label")):
             curves = [pd.read_parquet(Path(folder) / "curve.parquet").set_index("steps")["action_transformation_error"] for folder in group["folder"]]
@@ -256,14 +270,11 @@ def _curves(found: pd.DataFrame, styles: _Styles) -> Figure:
         axes.set_ylim(bottom=0.7 * _LEAST_ERROR)
         if floor / LARGEST_FLOOR > _LEAST_ERROR:
             axes.axhspan(0.7 * _LEAST_ERROR, floor / LARGEST_FLOOR, color="0.93", zorder=-1)
-            axes.annotate(
-                f"floor above {LARGEST_FLOOR:.0%}", (0.01, floor / LARGEST_FLOOR), xycoords=("axes fraction", "data"), va="top", fontsize="small", color="0.5"
-            )
+            said, place = f"floor more than {LARGEST_FLOOR:.0%} of the error", (0.01, floor / LARGEST_FLOOR)
+            axes.annotate(said, place, xycoords=("axes fraction", "data"), va="top", fontsize="small", color="0.5")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         axes.xaxis.set_minor_locator(NullLocator())
-    figure.supxlabel("simulator steps of a grounding", fontsize="medium")
-    figure.supylabel("action-transformation error", fontsize="medium")
     _legend(figure, list(styles))
     return figure
 

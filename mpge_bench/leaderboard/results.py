@@ -95,7 +95,7 @@ def _access(result: Mapping[str, Any], *more: str) -> tuple[str, ...]:
 def todays_physics(address: str) -> dict[str, str] | None:
     """The fingerprints of the pair at `address` as it moves today; None if it is a user's own that cannot be had here."""
     try:
-        return dict(get_task(address).fingerprints())  # type: ignore[attr-defined]  # until Task has it
+        return get_task(address).fingerprints()
     except UserError:
         return None
 

@@ -1,21 +1,23 @@
-"""Learning a policy."""
+"""Learning a policy: candidates, checkpoints, and what they start from."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import numpy as np
-import torch
+import pytest
 
-from mpge_bench.baselines.agent import AgentSettings, train_agent, train_transfer
-from mpge_bench.baselines.policy import tensors
+from mpge_bench.baselines.agent import AgentSettings, learn, train_transfer
+from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Silent
-from mpge_bench.baselines.vector import Identity, Worlds
+from mpge_bench.baselines.vector import Identity, Noise
 from mpge_bench.envs import get_task
+from mpge_bench.envs.errors import UserError
 
 TASK = get_task("biased_pendulum")
-SETTINGS = AgentSettings(steps=192, worlds=2, rollout_steps=32, batch_size=64, epochs=2, initial_std=0.3)
+SETTINGS = AgentSettings(steps=192, worlds=2, rollout_steps=32, batch_size=64, epochs=2, initial_std=0.3, episodes=2)
+CHOOSING = dataclasses.replace(SETTINGS, candidates=3, trial_steps=64, finalists=2, checkpoints=3)
 
 
 def test_a_transfer_of_no_steps_leaves_the_policy_it_starts_from(pendulum_policies, tmp_path):
@@ -26,17 +28,53 @@ def test_a_transfer_of_no_steps_leaves_the_policy_it_starts_from(pendulum_polici
         np.testing.assert_array_equal(policy[name], weight, err_msg=name)
 
 
-def test_a_transfer_keeps_the_input_statistics_and_starts_as_wide_as_asked(pendulum_policies):
-    start = tensors(pendulum_policies.weights[0])
-    learnt = train_agent(Worlds(TASK.source, 2, 0), dataclasses.replace(SETTINGS, learning_rate=0.0), 0, start=start)
+def test_it_keeps_the_input_statistics_of_its_start_and_acts_as_widely_as_asked(pendulum_policies):
+    start = pendulum_policies.weights[0]
+    found = learn(TASK.source, dataclasses.replace(SETTINGS, learning_rate=0.0), 0, starts=[start]).weights
     for name, weight in start.items():
-        if "log_std" not in name:
-            torch.testing.assert_close(learnt.state_dict()[name], weight, msg=name)
-    std = learnt.get_distribution(torch.randn(5, 4)).distribution.stddev
-    torch.testing.assert_close(std, torch.full((5, 1), 3 * 0.3))
+        if "log_std" not in name and not name.startswith(("pi_", "vf_")):
+            np.testing.assert_allclose(found[name], weight, rtol=1e-6, err_msg=name)
+    std = PolicySet([found], 3.0).distribution(np.random.default_rng(0).normal(size=(5, 4)), np.zeros(5, int))[1]
+    np.testing.assert_allclose(std, 3 * 0.3, rtol=1e-6)
 
 
-def test_a_policy_from_scratch_learns_the_input_statistics():
-    learnt = train_agent(Worlds(TASK.source, 2, 0), SETTINGS, 0)
-    std = learnt.features_extractor.std
-    assert ((std > 1e-3) & ((std - 1).abs() > 1e-3)).all()
+def test_input_statistics_are_learnt_from_scratch():
+    std = learn(TASK.source, SETTINGS, 0).weights["features_extractor.std"]
+    assert ((std > 1e-3) & (np.abs(std - 1) > 1e-3)).all()
+
+
+def test_candidates_start_from_the_policies_in_turn_the_best_go_on_and_the_best_checkpoint_is_kept(pendulum_policies):
+    found = learn(TASK.source, CHOOSING, 0, starts=pendulum_policies.weights)
+    trials = [(value, candidate) for steps, value, candidate in found.curve if steps == 64]
+    assert sorted(candidate for _, candidate in trials) == [0, 1, 2]
+    left_out = min(trials)[1]
+    later = [(steps, candidate) for steps, _, candidate in found.curve if steps > 64]
+    assert sorted(later) == sorted((steps, candidate) for steps in (128, 192) for candidate in {0, 1, 2} - {left_out})
+    assert found.value == max(value for _, value, candidate in found.curve if candidate != left_out)
+    # Three trials, two finalists' 128 further steps each, and the episodes of seven comparisons.
+    assert found.steps > 3 * 64 + 2 * 128 + 7 * 2 * 2
+
+
+def test_the_result_does_not_depend_on_the_number_of_processes(pendulum_policies):
+    """Noise is drawn in the transformation: every candidate has to have its own."""
+    one, two = (
+        learn(TASK.source, CHOOSING, 0, starts=pendulum_policies.weights, transformation=Noise(0.1, 3.0, seed=0), jobs=jobs) for jobs in (1, 2)
+    )
+    assert one.curve == two.curve
+    assert one.steps == two.steps
+    for name, weight in one.weights.items():
+        np.testing.assert_array_equal(weight, two.weights[name], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"finalists": 4}, "setting finalists is 4 of 3 candidates"),
+        ({"trial_steps": 0}, "trial_steps is 0, so that no finalists can be chosen"),
+        ({"trial_steps": 500}, "trial_steps no more than steps"),
+        ({"checkpoints": 0}, "take 1 or more"),
+    ],
+)
+def test_settings_that_make_no_sense_are_one_line(changes, message):
+    with pytest.raises(UserError, match=message):
+        dataclasses.replace(CHOOSING, **changes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 import torch
@@ -15,6 +17,10 @@ from mpge_bench.envs import get_task
 
 #: Everything that can go wrong does: clipped ratios, clamped deviations, clipped gradients, a bonus on entropy.
 SETTINGS = PPOSettings(worlds=4, rollout_steps=32, batch_size=128, epochs=1, learning_rate=1e-2, entropy_coefficient=0.01, initial_std=0.4)
+
+
+def _ignore(steps: int) -> None:
+    """No progress is to be shown."""
 
 
 @pytest.fixture
@@ -58,7 +64,7 @@ def _theirs_learns(theirs, rollout, advantages):
 
 def test_an_update_is_that_of_stable_baselines3(agents):
     ours, theirs = agents
-    rollout, last = ours.collect()
+    rollout, last = ours.collect(_ignore)
     # Behave as if the policy had moved on since: some ratios lie beyond the clip range.
     rollout.log_probabilities += np.random.default_rng(0).normal(0, 0.3, rollout.log_probabilities.shape).astype(np.float32)
     before = theirs.policy.state_dict()["action_net.weight"].clone()
@@ -73,7 +79,7 @@ def test_an_update_is_that_of_stable_baselines3(agents):
 
 def test_advantages_are_those_of_stable_baselines3(agents):
     ours, theirs = agents
-    rollout, last = ours.collect()
+    rollout, last = ours.collect(_ignore)
     rollout.goes_on[10, 1] = rollout.goes_on[20:22, 3] = 0
     buffer = theirs.rollout_buffer
     buffer.gamma, buffer.gae_lambda = SETTINGS.gamma, SETTINGS.gae_lambda
@@ -108,10 +114,10 @@ def test_input_statistics_are_learnt_from_scratch_and_kept_from_a_start():
     task = get_task("biased_pendulum")
     settings = PPOSettings(worlds=2, rollout_steps=16, epochs=1)
     fresh = PPO(Worlds(task.source, 2, 0), settings, 0)
-    fresh.learn(64)
+    fresh.learn(64, 64, _ignore)
     assert not np.allclose(fresh.mean, 0)
     onward = PPO(Worlds(task.source, 2, 1), settings, 1, start=fresh.state())
-    onward.learn(64)
+    onward.learn(64, 64, _ignore)
     np.testing.assert_allclose(onward.mean, fresh.mean, rtol=1e-6)
 
 
@@ -119,7 +125,7 @@ def test_the_same_seed_learns_the_same_and_another_does_not():
     task, found = get_task("biased_pendulum"), []
     for seed in (0, 0, 1):
         agent = PPO(Worlds(task.source, 2, seed), PPOSettings(worlds=2, rollout_steps=16), seed)
-        agent.learn(64)
+        agent.learn(64, 64, _ignore)
         found.append(agent.network.values.copy())
     assert np.array_equal(found[0], found[1])
     assert not np.array_equal(found[0], found[2])
@@ -127,7 +133,7 @@ def test_the_same_seed_learns_the_same_and_another_does_not():
 
 def test_it_learns_to_hold_the_pendulum_up():
     agent = PPO(Worlds(get_task("biased_pendulum").source, 8, 0), PPOSettings(worlds=8), 0)
-    agent.learn(20_000)
+    agent.learn(20_000, 20_000, _ignore)
     assert np.mean([value for _, value in agent.episodes[-10:]]) > 5 * np.mean([value for _, value in agent.episodes[:10]])
 
 
@@ -138,3 +144,14 @@ def test_an_orthogonal_start_is_orthogonal():
         matrix = _orthogonal(shape, np.random.default_rng(0))
         small = matrix if shape[0] <= shape[1] else matrix.T
         np.testing.assert_allclose(small @ small.T, np.eye(min(shape)), atol=1e-12)
+
+
+def test_it_goes_on_learning_after_a_journey_to_another_process():
+    task, settings = get_task("biased_pendulum"), PPOSettings(worlds=2, rollout_steps=16)
+    agent = PPO(Worlds(task.source, 2, 0), settings, 0)
+    agent.learn(64, 128, _ignore)
+    traveller = pickle.loads(pickle.dumps(agent.paused()))
+    for one in (agent, traveller):
+        one.resumed(Worlds(task.source, 2, 1)).learn(128, 128, _ignore)
+    assert np.array_equal(agent.network.arrays["action_net.weight"], traveller.network.arrays["action_net.weight"])
+    assert np.array_equal(agent.network.values, traveller.network.values)

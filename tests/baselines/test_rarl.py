@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mpge_bench.baselines import rarl
 from mpge_bench.baselines.agent import AgentSettings
+from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Silent
 from mpge_bench.baselines.rarl import RARL, RARLSettings, _AdversaryWorlds, _Opponent
@@ -42,26 +42,26 @@ def test_the_protagonist_meets_the_adversary_as_it_stands_and_at_first_none(pend
 
 def test_both_take_the_agents_steps_in_turn_and_the_adversary_keeps_to_its_range(pendulum_policies, tmp_path, monkeypatch):
     pushes, order = [], []
-    played, updated = _Opponent.__call__, rarl._update
+    played, learn = _Opponent.__call__, PPO.learn
 
     def watched(self, observation, action, member):
         pushes.append(played(self, observation, action, member) - action)
         return action + pushes[-1]
 
-    def update(model, callback):
-        order.append(model)
-        updated(model, callback)
+    def learnt(agent, *arguments):
+        order.append(agent)
+        learn(agent, *arguments)
 
     monkeypatch.setattr(_Opponent, "__call__", watched)
-    monkeypatch.setattr(rarl, "_update", update)
+    monkeypatch.setattr(PPO, "learn", learnt)
     problem = Problem(TASK, pendulum_policies, 10, seed=0)
     result = RARL().train(problem, RARLSettings(AGENT, ratio=0.2), 0, progress=Silent(), log_dir=tmp_path, jobs=1)
     assert result.steps == {"agent": 2 * 256}
     assert problem.drawn == 0
     assert 0.1 < np.abs(pushes).max() <= 0.2 * 3 + 1e-6
     adversary, protagonist = order[:2]
-    assert [model is adversary for model in order] == [True, False, True, False]
-    assert adversary.num_timesteps == protagonist.num_timesteps == 256
-    assert adversary.policy.limit == pytest.approx(0.6)
-    np.testing.assert_array_equal(result.policy["action_net.weight"], protagonist.policy.action_net.weight.detach())
-    np.testing.assert_allclose(adversary.policy.features_extractor.std, 0.7, rtol=1e-6)
+    assert [agent is adversary for agent in order] == [True, False, True, False]
+    assert adversary.steps == protagonist.steps == 256
+    assert adversary.limit == pytest.approx(0.6)
+    np.testing.assert_array_equal(result.policy["action_net.weight"], protagonist.state()["action_net.weight"])
+    np.testing.assert_allclose(adversary.std, 0.7, rtol=1e-6)

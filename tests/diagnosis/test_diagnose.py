@@ -17,6 +17,8 @@ from mpge_bench.diagnosis.recording import read_recordings
 from mpge_bench.diagnosis.rig import read_rig
 from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, TorqueGain, TorqueLimit, UnknownTorque
 
+from ..conftest import PATIENCE
+
 SECONDS, PERIOD = 5.0, 0.01
 PENDULUM = (
     '<robot name="rig"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.25"/><mass value="1"/>'
@@ -25,14 +27,16 @@ PENDULUM = (
 )
 
 
-def write_case(folder: Path, effects: Sequence[Effect] = (), *, recordings: int = 4, noise: float = 5e-4, velocities: bool = True) -> Path:
+def write_case(
+    folder: Path, effects: Sequence[Effect] = (), *, recordings: int = 4, noise: float = 5e-4, velocities: bool = True, timestep: float = 0.001
+) -> Path:
     """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.urdf").write_text(PENDULUM)
     rig_path = folder / "rig.yaml"
-    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": 0.001, "record_period": PERIOD, "joints": {"hinge": {"mode": "torque"}}}))
+    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": timestep, "record_period": PERIOD, "joints": {"hinge": {"mode": "torque"}}}))
     rng = np.random.default_rng(1)
-    world = read_rig(rig_path).world(effects, timestep=0.0005, substeps=20)
+    world = read_rig(rig_path).world(effects, timestep=timestep / 2, substeps=round(2 * PERIOD / timestep))
     for number in range(recordings):
         parts = [(rng.uniform(0.3, 1.0), rng.uniform(0.3, 2.0), rng.uniform(0, 6)) for _ in range(3)]
         world.set_state([rng.uniform(-0.5, 0.5)], [0.0])
@@ -49,7 +53,7 @@ def write_case(folder: Path, effects: Sequence[Effect] = (), *, recordings: int 
 def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.8)])
     arguments = ["diagnose", "--rig", rig, "--recording", tmp_path / "train_*.csv", "--out", tmp_path / "report"]
-    done = subprocess.run([sys.executable, "-m", "mpge_bench", *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    done = subprocess.run([sys.executable, "-m", "mpge_bench", *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     assert "hinge's motor delivers 80" in done.stdout
     data = json.loads((tmp_path / "report" / "diagnosis.json").read_text())
@@ -83,7 +87,8 @@ def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
 
 
 def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
-    rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False)
+    # Half as many physics steps: most of what this takes are fits in PyBullet.
+    rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False, timestep=0.002)
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
     values = {one["effect"]: one["parameters"] for one in found.data["effects"]}
     assert set(values) == {"delay", "coulomb_friction"}

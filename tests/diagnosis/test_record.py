@@ -24,6 +24,8 @@ from mpge_bench.diagnosis.simulator import simulate
 from mpge_bench.envs import ROBOTS, get_task
 from mpge_bench.envs.errors import UserError
 
+from ..conftest import PATIENCE
+
 
 def start(*arguments: Any, **options: Any) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "mpge_bench", *map(str, arguments)]
@@ -32,7 +34,7 @@ def start(*arguments: Any, **options: Any) -> subprocess.Popen[str]:
 
 def call(*arguments: Any) -> tuple[int, str, str]:
     process = start(*arguments)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=PATIENCE)
     return process.returncode, out, err
 
 
@@ -187,13 +189,13 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
     arguments = ["record", "--task", "biased_pendulum", "--policy", "target", "--episodes", 500, "--out", out]
     # Where tests run in the background, SIGINT is ignored, and so it would be in their children.
     process = start(*arguments, start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE
     while not list(tmp_path.rglob("episode_*.csv")):
         assert process.poll() is None, process.stderr and process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "interrupted" in err
     assert "Traceback" not in err

@@ -84,8 +84,8 @@ def test_a_pair_of_a_shipped_robot_is_in_yaml_what_it_is_in_python(robot: str, t
     assert apart(task.source(), task.target()) > 1e-3
 
 
-@pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
-def test_every_registered_pair_can_be_written_down(task: Task, tmp_path: Path) -> None:
+@pytest.mark.parametrize("task", [pytest.param(task, id=name) for name, task in TASKS.items() if not task.simulator])
+def test_every_registered_pair_of_pybullets_can_be_written_down(task: Task, tmp_path: Path) -> None:
     data = task.to_dict()
     again = read_task(written(tmp_path, {key: data[key] for key in ("name", "robot", "effects", "summary")}))
     assert (again.name, again.robot, again.effects, again.summary) == (task.name, task.robot, task.effects, task.summary)

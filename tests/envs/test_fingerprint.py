@@ -84,7 +84,7 @@ def test_no_two_robots_or_pairs_share_one() -> None:
         assert task.fingerprints()["robot"] == robots[task.robot.name], name
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", [name for name, task in TASKS.items() if task.effects])
 def test_every_parameter_of_every_effect_shows_from_a_ten_thousandth_on(name: str) -> None:
     task = TASKS[name]
     before = fingerprint(task.target)

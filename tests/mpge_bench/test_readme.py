@@ -5,10 +5,21 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from mpge_bench.harness.run import RunSettings, run
-from mpge_bench.leaderboard import collect
+import pytest
 
-README = Path(__file__).parents[2] / "README.md"
+from mpge_bench.harness.run import RunSettings, run
+from mpge_bench.leaderboard.results import collect
+
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
+PAGES = [README, *sorted((ROOT / "docs").glob("*.md")), ROOT / "leaderboard/README.md"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_between_pages_lead_somewhere(page):
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", page.read_text()) if "://" not in link]
+    assert links
+    assert [link for link in links if not (page.parent / link.partition("#")[0]).exists()] == []
 
 
 def test_the_example_of_a_users_method_runs_and_enters_the_tables(policy_folder, tmp_path, monkeypatch):

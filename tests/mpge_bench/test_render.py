@@ -22,6 +22,8 @@ from mpge_bench.envs.errors import UserError
 from mpge_bench.policies import load_set
 from mpge_bench.render import Episode, RenderSettings, render
 
+from ..conftest import PATIENCE
+
 SMALL = {"seconds": 0.4, "width": 160, "height": 120, "fps": 10}
 
 
@@ -62,7 +64,7 @@ def test_the_command_writes_a_film_and_says_what_happened(tmp_path):
     arguments = ("--task", "broken_cheetah", "--policy", "random", "--seconds", 0.4, "--fps", 10, "--width", 160, "--height", 120)
     environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
     process = start(*arguments, "--out", tmp_path / "new" / "film.gif", env=environment)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err
     assert re.search(r"source: return -?\d+\.\d\d in 0\.40 s\n", out)
     assert re.search(r"target: return -?\d+\.\d\d in 0\.40 s\n", out)
@@ -80,14 +82,14 @@ def test_ctrl_c_leaves_nothing_and_the_old_film_as_it_was(tmp_path):
     arguments = ("--task", "ant_gravity", "--policy", "random", "--seconds", 40, "--width", 160, "--height", 120, "--out", old)
     # Where tests run in the background, SIGINT is ignored, and so it would be in their children.
     process = start(*arguments, start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE
     while len(list(tmp_path.iterdir())) == 1:
         assert process.poll() is None, process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.05)
     time.sleep(0.5)
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "interrupted" in err
     assert "Traceback" not in err

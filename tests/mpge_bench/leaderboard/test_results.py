@@ -29,7 +29,7 @@ def test_runs_of_other_physics_than_todays_are_named(mixed, monkeypatch):
     with pytest.raises(UserError) as refusal:
         collect(mixed)
     message = str(refusal.value)
-    assert message.endswith("not today's, and run again: ane/n0/smoke/seed0, m/n10/smoke/seed0+1")
+    assert message.endswith("not of today's, and run again: ane/n0/smoke/seed0, m/n10/smoke/seed0+1")
     assert len(message.splitlines()) == 1
 
 

@@ -1,0 +1,140 @@
+"""What every run of a pair is held against: the source policies in the target, the best policy there, and the errors of the ungrounded source.
+
+All that is measured of a pair and its shipped policies alone is measured once, when policies are made, and kept beside the pair's policies.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mpge_bench import policies
+from mpge_bench.baselines.evaluation import EPISODES, SEED, Returns, returns
+from mpge_bench.baselines.policy import PolicySet
+from mpge_bench.baselines.problem import Transitions, roll_out_each
+from mpge_bench.baselines.workers import side_by_side
+from mpge_bench.envs import Task, get_task
+from mpge_bench.harness.metrics import action_transformation_error, action_transformation_floor, transition_error, transition_floor
+from mpge_bench.provenance import commit
+
+#: Target transitions, beside any budget, that transition errors are measured on.
+_PROBE = 1000
+
+
+@dataclass(frozen=True)
+class References:
+    """What is known of a pair before any method is run on it.
+
+    Attributes:
+        direct: return of the source policies in the target, each over `EPISODES` episodes, mean over all: normalised return 0.
+        optimal: J*, the best return in the target that anybody has reached: of the best target-optimal policy; normalised return 1.
+        source: return of the source policies in the source, as `direct`.
+        action_error, action_floor: action-transformation error of the ungrounded source, and what it means nothing below.
+        transition_error, transition_floor: transition error of the ungrounded source, and what the optimal action transformation leaves of it.
+        made_from: fingerprints of the physics, and a hash over the policies' files: these are the references of no others.
+        commit: of the code that measured them.
+    """
+
+    direct: Returns
+    optimal: Returns
+    source: Returns
+    action_error: float
+    action_floor: float
+    transition_error: float
+    transition_floor: float
+    made_from: dict[str, str]
+    commit: str | None
+
+    @property
+    def on_policy_mismatch(self) -> dict[str, float | None]:
+        """How much of their return the source policies lose in the target: a random policy falls before it slips."""
+        lost = 1 - self.direct.mean / self.source.mean if self.source.mean > 0 else None
+        return {"source": self.source.mean, "target": self.direct.mean, "lost": lost}
+
+
+def path_of(task: Task, folder: Path) -> Path:
+    """Where the pair's references are kept."""
+    return folder / task.name / "references.json"
+
+
+def made_from(task: Task, folder: Path) -> dict[str, str]:
+    """By what references are known to be of the pair and its policies as they are."""
+    content = hashlib.sha256()
+    for kind in ("source", "target"):
+        for weights in policies.load_set(task, kind, folder).weights:
+            for name in sorted(weights):
+                content.update(name.encode())
+                content.update(np.ascontiguousarray(weights[name], dtype=np.float32).tobytes())
+    return {**task.fingerprints(), "policies": content.hexdigest()[:16]}
+
+
+def probe(task: Task, sources: PolicySet) -> Transitions:
+    """Target transitions that the harness draws, outside the method's budget, to measure transition errors on."""
+    return roll_out_each(task.target, sources, _PROBE // len(sources), [SEED] * len(sources))
+
+
+@functools.cache
+def references(address: str, folder: Path = policies.FOLDER) -> References:
+    """The references of the pair that `get_task` calls `address`: those kept, if they are of these policies and this physics, else measured anew.
+
+    Raises:
+        UserError: if policies are missing.
+    """
+    task = get_task(address)
+    kept = stored(path_of(task, folder))
+    return kept if kept and kept.made_from == made_from(task, folder) else measure(address, folder)
+
+
+def stored(path: Path) -> References | None:
+    """The references in the file `path`, if it is there."""
+    if not path.exists():
+        return None
+    data: dict[str, Any] = json.loads(path.read_text())
+    return References(**data | {name: Returns(**data[name]) for name in ("direct", "optimal", "source")})
+
+
+def measure(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> References:
+    """Measure the references of a pair."""
+    task = get_task(address)
+    sources, targets = (policies.load_set(task, kind, folder) for kind in ("source", "target"))
+    calls = [(address, at_target, some[one]) for at_target, some in ((False, sources), (True, sources), (True, targets)) for one in range(len(some))]
+    played = side_by_side(_play, calls, jobs, lambda steps: None)
+    count, drawn = len(sources), probe(task, sources)
+    return References(
+        direct=_over(played[count : 2 * count]),
+        optimal=max(played[2 * count :], key=lambda one: one.mean),
+        source=_over(played[:count]),
+        action_error=action_transformation_error(task, None),
+        action_floor=action_transformation_floor(task),
+        transition_error=transition_error(task, drawn),
+        transition_floor=transition_floor(task, drawn),
+        made_from=made_from(task, folder),
+        commit=commit(),
+    )
+
+
+def _play(address: str, at_target: bool, policy: PolicySet, advance: Any) -> Returns:
+    task = get_task(address)
+    return returns(task.target if at_target else task.source, policy)
+
+
+def _over(found: list[Returns]) -> Returns:
+    """All their episodes together."""
+    means, stds = np.array([one.mean for one in found]), np.array([one.std for one in found])
+    return Returns(float(means.mean()), float(np.sqrt((stds**2).mean() + means.var())), len(found) * EPISODES)
+
+
+def write(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> Path:
+    """Measure a pair's references and keep them."""
+    path = path_of(get_task(address), folder)
+    text = json.dumps(asdict(measure(address, folder, jobs)), indent=1) + "\n"
+    partial = path.with_suffix(".partial")
+    partial.write_text(text)
+    partial.replace(path)
+    return path
