@@ -60,6 +60,9 @@ def test_garat_has_its_own_papers_figures():
     assert (found.policies, found.ensemble, grounding.algorithm, grounding.gamma) == (1, 1, "ppo", 0.99)
     assert grounding.steps / grounding.batch_size == 50
     assert grounding.batch_size % grounding.worlds == 0
+    for task in ("broken_hopper", "biased_pendulum"):
+        own, standard = (load_settings(get_method("garat").settings, "garat", preset, task).agent for preset in ("desai", "standard"))
+        assert own == standard, "one agent for all"
     with pytest.raises(UserError, match=r"unknown preset 'desai'; choose one of: smoke, standard, paper$"):
         load_settings(get_method("mpg").settings, "mpg", "desai", "broken_hopper")
 
