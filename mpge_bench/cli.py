@@ -517,8 +517,8 @@ def _show(result: dict[str, Any], folder: Path) -> None:
 
 def _achieved(result: dict[str, Any], title: str) -> Table:
     """Returns in the target: of the source policies, this method, the agent that needs no grounding, and the best that anybody has reached."""
-    from mpge_bench.harness.metrics import normalized_return
     from mpge_bench.harness.perfect import stored_perfect
+    from mpge_bench.harness.result import normalized_return
 
     found, perfect = result["returns"], stored_perfect(result["task"], result["fingerprints"])
     direct, best = found["direct"]["mean"], found["optimal"]["mean"]

@@ -19,15 +19,6 @@ from mpge_bench.harness.optimal import Twin, state_spread, whole_state
 ERROR_STEPS = 2048
 
 
-def normalized_return(policy: float, direct: float, target_optimal: float) -> float | None:
-    """(policy − direct) / (target_optimal − direct): 0 is the source policy in the target, 1 the policy trained there (MPGE, figure 4).
-
-    None where the two references are too near each other to normalise by.
-    """
-    span = target_optimal - direct
-    return None if abs(span) < 1e-9 else float((policy - direct) / span)
-
-
 def learning(episodes: Sequence[tuple[int, float]], budget: int) -> dict[str, float | None] | None:
     """Mean return of all episodes that ended within the first 25, 50, 75 and 100% of the target budget, as MULTIPOLAR reports it.
 

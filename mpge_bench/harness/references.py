@@ -37,7 +37,7 @@ class References:
         source: return of the source policies in the source, as `direct`.
         action_error, action_floor: action-transformation error of the ungrounded source, and what it means nothing below.
         transition_error, transition_floor: transition error of the ungrounded source, and what the optimal action transformation leaves of it.
-        made_from: fingerprints of the physics, and a hash over the policies' files: these are the references of no others.
+        made_from: fingerprints of the physics and hashes over the source and target-optimal policies: these are the references of no others.
         commit: of the code that measured them.
     """
 
@@ -64,14 +64,17 @@ def path_of(task: Task, folder: Path) -> Path:
 
 
 def made_from(task: Task, folder: Path) -> dict[str, str]:
-    """By what references are known to be of the pair and its policies as they are."""
+    """By what references are known to be of the pair and its policies as they are: fingerprints, and hashes over the policies' weights."""
+    return task.fingerprints() | {f"{kind}_policies": _hash(policies.load_set(task, kind, folder)) for kind in ("source", "target")}
+
+
+def _hash(known: PolicySet) -> str:
     content = hashlib.sha256()
-    for kind in ("source", "target"):
-        for weights in policies.load_set(task, kind, folder).weights:
-            for name in sorted(weights):
-                content.update(name.encode())
-                content.update(np.ascontiguousarray(weights[name], dtype=np.float32).tobytes())
-    return {**task.fingerprints(), "policies": content.hexdigest()[:16]}
+    for weights in known.weights:
+        for name in sorted(weights):
+            content.update(name.encode())
+            content.update(np.ascontiguousarray(weights[name], dtype=np.float32).tobytes())
+    return content.hexdigest()[:16]
 
 
 def probe(task: Task, sources: PolicySet) -> Transitions:

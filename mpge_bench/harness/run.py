@@ -38,12 +38,11 @@ from mpge_bench.harness.metrics import (
     ERROR_STEPS,
     action_transformation_error,
     learning,
-    normalized_return,
     transition_error,
 )
 from mpge_bench.harness.references import References, probe, references
 from mpge_bench.harness.residuals import draw_residuals
-from mpge_bench.harness.result import SCHEMA, read_result
+from mpge_bench.harness.result import SCHEMA, normalized_return, read_result
 from mpge_bench.provenance import commit
 
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -175,6 +174,7 @@ def run(
             "access": sorted(method.access),
             "settings": asdict(chosen),
             "target_samples": problem.drawn,
+            "references": known.made_from,
             **measured,
             "oracle": _oracle(result, settings.method, task, known, policy),
             "learning": learning(result.episodes, settings.samples),

@@ -13,10 +13,10 @@ from mpge_bench.harness.metrics import (
     action_transformation_error,
     action_transformation_floor,
     learning,
-    normalized_return,
     transition_error,
     transition_floor,
 )
+from mpge_bench.harness.result import normalized_return
 
 PENDULUM, HOPPER = get_task("biased_pendulum"), get_task("broken_hopper")
 
