@@ -1,0 +1,148 @@
+"""Why agents fail in the target though the grounding's error is small: studies on a development pair, and their tables in docs/why-transfer-fails.md.
+
+    python benchmarks/why_transfer_fails.py severity --policies 'leaderboard/results/broken_hopper/*/*/standard/seed*/policy.safetensors'
+    python benchmarks/why_transfer_fails.py groundings --seeds 3
+    python benchmarks/why_transfer_fails.py planned --gains 0 --gains 0.1
+
+Each study writes its figures to leaderboard/studies/ and its table into the page, between the marks that bear its name. Studies take minutes to hours of one
+core; nothing of it chooses among methods on test pairs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import mpge_bench  # noqa: F401  # isort: skip  (settles the code path before numpy is imported)
+import numpy as np
+import pandas as pd
+import torch
+import typer
+from rich.progress import track
+from safetensors.numpy import load_file
+
+from mpge_bench.baselines.agent import learn
+from mpge_bench.baselines.evaluation import returns
+from mpge_bench.baselines.grounding.transformation import LearntTransformation
+from mpge_bench.baselines.mpg import ground
+from mpge_bench.baselines.policy import PolicySet
+from mpge_bench.baselines.vector import Worlds
+from mpge_bench.envs import Task, get_task
+from mpge_bench.harness.metrics import action_transformation_error
+from mpge_bench.harness.run import RunSettings, problem_of
+
+ROOT = Path(__file__).parents[1]
+PAGE, STUDIES = ROOT / "docs" / "why-transfer-fails.md", ROOT / "leaderboard" / "studies"
+#: How much of its torque the motor delivers that is dead in the target.
+GAINS = (0.0, 0.02, 0.05, 0.1, 0.2)
+app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+_TASK = Annotated[str, typer.Option(help="development pair with a severity of its own, such as broken_hopper")]
+
+
+def _at(task: str, gain: float) -> Task:
+    return get_task(task) if gain == 0 else get_task(f"{task}@{gain:g}")
+
+
+def _write(name: str, rows: list[dict[str, Any]], digits: int) -> None:
+    """Keep the figures, and put the table between its marks on the page."""
+    STUDIES.mkdir(parents=True, exist_ok=True)
+    (STUDIES / f"{name}.json").write_text(json.dumps(rows, indent=1) + "\n")
+    table = pd.DataFrame(rows)
+    lines = ["| " + " | ".join(map(str, table.columns)) + " |", "|" + "---|" * len(table.columns)]
+    for row in table.itertuples(index=False):
+        lines.append("| " + " | ".join(f"{value:.{digits}f}" if isinstance(value, float) else str(value) for value in row) + " |")
+    text, mark = PAGE.read_text(), f"<!-- {name} -->"
+    PAGE.write_text(re.sub(f"{mark}.*?{mark}", lambda _: "\n".join([mark, *lines, mark]), text, flags=re.S))
+    print("\n".join(lines))
+
+
+@app.command()
+def severity(policies: Annotated[list[str], typer.Option(help="policy files, patterns relative to the checkout")], task: _TASK = "broken_hopper") -> None:
+    """(a) Returns of finished policies where the dead motor delivers a little: is the target a knife's edge?"""
+    rows = []
+    for path in track(sorted({path for pattern in policies for path in ROOT.glob(pattern)}), "policies"):
+        policy = PolicySet([{name: value.astype(float) for name, value in load_file(path).items()}], get_task(task).robot.action_limit)
+        found = {f"{gain:.0%}": returns(_at(task, gain).target, policy, 20).mean for gain in GAINS}
+        rows.append({"policy": " ".join(path.parts[-5:-1]) if path.name == "policy.safetensors" else path.stem} | found)
+    _write("severity", rows, 0)
+
+
+@app.command()
+def groundings(task: _TASK = "broken_hopper", samples: int = 1000, seeds: int = 1) -> None:
+    """(c), (d) What is left of a grounding's error, by the price on changes, the inputs' spread, and how the discriminator's batches are drawn."""
+    variants: dict[str, list[str]] = {
+        f"change_cost {cost}, input_spread {spread}": [f"grounding.change_cost={cost}", f"grounding.input_spread={spread}"]
+        for cost, spread in itertools.product((0, 1), (1, 10))
+    } | {"as the preset, batches matched": ["grounding.discriminator.matched=true"], "as the preset, half the steps": ["grounding.steps=100000"]}
+    rows = []
+    for (name, changes), seed in track(list(itertools.product(variants.items(), range(seeds))), "groundings"):
+        rows.append({"grounding": name, "seed": seed} | _grounded(task, samples, seed, tuple(changes)))
+    _write("groundings", rows, 3)
+
+
+def _grounded(task: str, samples: int, seed: int, changes: tuple[str, ...]) -> dict[str, float]:
+    """Error of a grounding, and the linear regression of ã on a where a random policy goes in it: 0 on the dead motor's diagonal would be right."""
+    settings = RunSettings(task, "mpg", samples, seed=seed, overrides=changes)
+    chosen = settings.effective()
+    problem = problem_of(settings, chosen)
+    target = problem.demonstrations(problem.rollouts)
+    with tempfile.TemporaryDirectory() as folder:
+        shares = problem.shares(len(problem.rollouts))
+        states = ground(problem.source, problem.rollouts, target, shares, chosen.grounding, seed, Path(folder), lambda _: None)
+    limit = problem.robot.action_limit
+    grounding = LearntTransformation(PolicySet([states[max(states)]], 2 * limit), limit)
+    slope = _regression(problem.source, grounding)
+    truth = np.linalg.lstsq(_actions(problem, 200), get_task(task).action_transformation(_actions(problem, 200)), rcond=None)[0]
+    return {
+        "action error": action_transformation_error(get_task(task), grounding),
+        "slope of the dead motor (0 is right)": float(slope[0, 0]),
+        "mean slope of the others (1 is right)": float(np.mean(np.diag(slope)[1:])),
+        "largest error of a slope": float(np.abs(slope - truth).max()),
+    }
+
+
+def _actions(problem: Any, count: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(0).uniform(-1, 1, (count, len(problem.robot.actuators))) * problem.robot.action_limit
+
+
+def _regression(source: Callable[[], Any], grounding: LearntTransformation, steps: int = 250) -> np.ndarray[Any, Any]:
+    """Slopes (k, k) of ã on a, row by a, column by ã, over a random policy's steps in the grounded source; with an intercept."""
+    rng, taken, made = np.random.default_rng(0), [], []
+    worlds = Worlds(source, 8, 0, grounding)
+    states = worlds.reset()
+    for _ in range(steps):
+        action = rng.uniform(-worlds.limit, worlds.limit, (8, worlds.action_space.shape[0]))  # type: ignore[index]
+        taken.append(action)
+        made.append(grounding(states, action, worlds.member))
+        states, *_ = worlds.step(action)
+    worlds.close()
+    inputs = np.concatenate(taken)
+    found: np.ndarray[Any, Any] = np.linalg.lstsq(np.column_stack((inputs, np.ones(len(inputs)))), np.concatenate(made), rcond=None)[0]
+    return found[:-1]
+
+
+@app.command()
+def planned(task: _TASK = "broken_hopper", gains: Annotated[list[float], typer.Option(help="may be given several times")] = list(GAINS), seed: int = 0) -> None:  # noqa: B006
+    """(b) Agents learnt under planned groundings, in which the dead motor delivers a little: return in the target by the grounding's error."""
+    rows = []
+    settings = RunSettings(task, "perfect", seed=seed)
+    chosen = settings.effective()
+    starts = problem_of(settings, chosen).sources.weights
+    for gain in track(gains, "planned groundings"):
+        found = learn(_at(task, gain).target, chosen.agent, seed, starts=starts)
+        policy = PolicySet([{name: value.astype(float) for name, value in found.weights.items()}], get_task(task).robot.action_limit)
+        rng = np.random.default_rng(0)
+        error = gain * float(np.abs(rng.uniform(-1, 1, 10_000)).mean()) * get_task(task).robot.action_limit
+        there, here = (returns(_at(task, one).target, policy).mean for one in (gain, 0.0))
+        rows.append({"gain in the grounding": gain, "action error": error, "return in the grounding": round(there), "return in the target": round(here)})
+    _write("planned", rows, 3)
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    app()
