@@ -39,7 +39,7 @@ def _make_policy(env: RobotEnv, seed: int = 0) -> GaussianPolicy:
     return policy
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_policy() -> Callable[..., GaussianPolicy]:
     """Makes an untrained policy that acts widely: make_policy(env, seed)."""
     return _make_policy

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 
 from mpge_bench.baselines.policy import save_policy
 from mpge_bench.envs import get_task
+from mpge_bench.harness import references
 from mpge_bench.policies import SEEDS, policy_path
 
 
-@pytest.fixture
-def policy_folder(tmp_path, make_policy):
-    """Untrained source and target policies of biased_pendulum, in the layout of the shipped ones."""
-    folder, task = tmp_path / "policies", get_task("biased_pendulum")
+@pytest.fixture(scope="session")
+def untrained(tmp_path_factory, make_policy):
+    """A folder of policies with the pair's references beside them, which take seconds to measure."""
+    folder, task = tmp_path_factory.mktemp("policies"), get_task("biased_pendulum")
     for kind, seeds in SEEDS.items():
         for seed in seeds:
             save_policy(policy_path(task, kind, seed, folder), make_policy(task.source(), seed + 10 * (kind == "target")).state_dict(), {})
+    references.write(task.name, folder)
     return folder
+
+
+@pytest.fixture
+def policy_folder(tmp_path, untrained):
+    """Untrained source and target policies of biased_pendulum, in the layout of the shipped ones; the test's own."""
+    return shutil.copytree(untrained, tmp_path / "policies")
 
 
 @pytest.fixture
