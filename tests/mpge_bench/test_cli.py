@@ -37,7 +37,7 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path, i
     arguments += ("--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2)
     code, out, err = call(*arguments)
     assert code == 0, err
-    for text in ("direct", "mpge", "target-optimal", "normalised return", "action-transformation error", "result.json", "seed0"):
+    for text in ("direct", "mpge", "J*", "normalised", "action-transformation error", "result.json", "seed0"):
         assert text in out
     assert "grounding × 2: done, 1,024 steps" in err
     assert "agent in the grounded source: done, 256 steps" in err
