@@ -42,3 +42,27 @@ def test_entropy_of_the_earlier_policies_is_what_later_ones_are_paid_for(tmp_pat
     np.testing.assert_array_equal(_weights(train_policy(TASK, "er", 1, tmp_path)), paid)
     monkeypatch.setattr(policies, "DIVERSITY", 0.0)
     assert not np.array_equal(_weights(train_policy(TASK, "er", 1, tmp_path)), paid)
+
+
+def test_a_source_policy_that_cannot_do_the_task_is_dropped_and_named(tmp_path, monkeypatch):
+    tiny = policies.load_preset("", "", "")
+    monkeypatch.setattr(policies, "load_preset", lambda *_: tiny | {"least": 1e6, "tries": 3, "checkpoints": 2, "episodes": 2})
+    card = json.loads(train_policy(TASK, "source", 1, tmp_path).with_suffix(".json").read_text())
+    assert card["seed"] == 11
+    assert list(card["dropped"]) == ["1", "6"]
+    assert all(value < 1e6 for value in card["dropped"].values())
+
+
+def test_a_target_policy_learns_on_while_doubling_pays(tmp_path, monkeypatch):
+    tiny = policies.load_preset("", "", "")
+    monkeypatch.setattr(policies, "load_preset", lambda *_: tiny | {"checkpoints": 2, "episodes": 2, "doublings": 2})
+    for seed in range(5):
+        train_policy(TASK, "source", seed, tmp_path)
+    found = {}
+    for worth in (-1.0, 1e6):
+        monkeypatch.setattr(policies, "WORTH", worth)
+        found[worth] = json.loads(train_policy(TASK, "target", 0, tmp_path).with_suffix(".json").read_text())
+    assert {number for *_, number in found[-1.0]["compared"]} == {0, -1, -2}
+    assert {number for *_, number in found[1e6]["compared"]} == {0, -1}
+    assert found[-1.0]["fingerprints"] == TASK.fingerprints()
+    assert found[-1.0]["steps"] > 128 + 128 + 256
