@@ -55,8 +55,13 @@ class AgentSettings(PPOSettings):
             raise UserError(f"setting finalists is {self.finalists} of {self.candidates} candidates; give 1 or more, and no more than there are candidates")
         if self.finalists < self.candidates and not self.trial_steps:
             raise UserError("setting trial_steps is 0, so that no finalists can be chosen; give the steps of a trial")
-        if min(self.checkpoints, self.episodes) < 1 or self.trial_steps > self.steps:
-            raise UserError("settings checkpoints and episodes take 1 or more, and trial_steps no more than steps")
+        if min(self.checkpoints, self.episodes) < 1:
+            raise UserError("settings checkpoints and episodes take 1 or more")
+
+    @property
+    def trial(self) -> int:
+        """Steps of the trial, which cannot be longer than the whole."""
+        return min(self.trial_steps, self.steps)
 
     @property
     def compares(self) -> bool:
@@ -121,8 +126,8 @@ class _Place:
         with closing(self._worlds(candidate, 0)) as worlds:
             agent = PPO(worlds, self.settings, _mixed(self.seed, candidate, 2), start=start, log_dir=log)
             found = _Candidate(candidate, agent, agent.state())
-            if self.settings.trial_steps:
-                self._learn(found, self.settings.trial_steps, advance)
+            if self.settings.trial:
+                self._learn(found, self.settings.trial, advance)
             agent.paused()
         return found
 
@@ -190,14 +195,14 @@ def learn(
     """
     progress = progress or Silent()
     place = _Place(make, transformation, settings, seed, log_dir)
-    if settings.trial_steps:
-        progress.stage(f"{what}: {settings.candidates} candidates", settings.candidates * settings.trial_steps)
+    if settings.trial:
+        progress.stage(f"{what}: {settings.candidates} candidates", settings.candidates * settings.trial)
     calls = [(number, starts[number % len(starts)]) for number in range(settings.candidates)]
     found = side_by_side(place.begin, calls, jobs, progress.advance)
     order = sorted(range(len(found)), key=lambda one: -found[one].value)
     finalists = [found[one] for one in order[: settings.finalists]]
-    left = settings.steps - settings.trial_steps
-    progress.stage(f"{what}: {settings.finalists} go on" if settings.trial_steps else what, settings.finalists * left)
+    left = settings.steps - settings.trial
+    progress.stage(f"{what}: {settings.finalists} go on" if settings.trial else what, settings.finalists * left)
     done = side_by_side(place.finish, [(one,) for one in finalists], jobs, progress.advance)
     best = max(done, key=lambda one: one.value) if settings.compares else done[0]
     others = [found[one] for one in order[settings.finalists :]]

@@ -17,6 +17,7 @@ import mpge_bench
 from mpge_bench.diagnosis.record import RecordSettings, record
 from mpge_bench.envs import ROBOTS, TASKS, RobotEnv, Task
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.fingerprint import fingerprint
 from mpge_bench.envs.mujoco_targets import GYMNASIUM, MujocoWorld
 from mpge_bench.harness.mismatch import measure_mismatch
 from mpge_bench.harness.optimal import random_transitions
@@ -229,7 +230,7 @@ def test_without_mujoco_pairs_are_listed_and_say_in_one_line_what_to_install(mon
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "mujoco" else find(name, *rest))
     task = PAIRS["mujoco_hopper"]
     assert task.to_dict()["simulator"] == "MuJoCo, Gymnasium's Hopper-v5"
-    for make in (task.target, task.fingerprints, lambda: gymnasium.make("mpge_bench/MujocoHopper-v0")):
+    for make in (task.target, lambda: fingerprint(task.target), lambda: gymnasium.make("mpge_bench/MujocoHopper-v0")):
         with pytest.raises(UserError, match=r"Hopper-v5: MuJoCo is not installed; get it by: pip install 'mpge_bench\[mujoco\]'") as error:
             make()
         assert "\n" not in str(error.value)
