@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.mpg import MPGSettings
 from mpge_bench.baselines.presets import PRESETS, NoSettings, load_preset, load_settings, parse_overrides, presets_of, settings_from
 from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import ROBOTS, TASKS
 from mpge_bench.envs.errors import UserError
+from mpge_bench.policies import PolicySettings
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def test_every_methods_presets_are_valid(preset, task):
 
 @pytest.mark.parametrize("key", [*ROBOTS, *TASKS])
 def test_settings_of_the_shipped_policies_are_valid(key):
-    assert settings_from(AgentSettings, load_preset("policies", "standard", key)).steps >= 10_000
+    assert settings_from(PolicySettings, load_preset("policies", "standard", key)).steps >= 10_000
 
 
 def test_values_are_checked_and_numbers_widened():
