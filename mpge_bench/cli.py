@@ -26,7 +26,7 @@ app = typer.Typer(
 _out = Console(highlight=False)
 
 #: Characters that a normalised return of 1 is drawn with.
-_BAR = 20
+_BAR = 10
 _TASK_HELP = "Source/target pair; `tasks` lists them."
 _METHOD_HELP = "Transfer method; `methods` lists them. Or your own: my_package.mine:MyMethod."
 _PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days); `methods` lists any others."
@@ -522,11 +522,11 @@ def _achieved(result: dict[str, Any], title: str) -> Table:
 
     found, perfect = result["returns"], stored_perfect(result["task"], result["fingerprints"])
     direct, best = found["direct"]["mean"], found["optimal"]["mean"]
-    rows = [("direct", direct, "the source policies as they are"), (result["method"], found["policy"]["mean"], "this run")]
+    rows = [("direct", direct, "source policies"), (result["method"], found["policy"]["mean"], "this run")]
     if perfect:
-        rows.append(("perfect", perfect.mean, f"the same agent in the true target, {perfect.seeds} seeds"))
-    rows.append(("J*", best, "the best policy that anybody has reached"))
-    drawn = Table("", "return in the target", "normalised", "", "", title=title)
+        rows.append(("perfect", perfect.mean, f"agent in the true target ({perfect.seeds})"))
+    rows.append(("J*", best, "best ever reached"))
+    drawn = Table("", "target return", "normalised", "", "", title=title)
     for name, value, what in rows:
         normalized = normalized_return(value, direct, best)
         shown = "–" if normalized is None else f"{normalized:.2f}"
