@@ -14,7 +14,7 @@ import torch
 
 from mpge_bench.baselines.evaluation import play
 from mpge_bench.baselines.method import Result
-from mpge_bench.baselines.policy import Array, PolicySet, tensors
+from mpge_bench.baselines.policy import Array, single_policy, tensors
 from mpge_bench.baselines.ppo import PPO, PPOSettings
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress, Silent
@@ -159,8 +159,7 @@ class _Place:
 
     def play(self, weights: Weights, limit: float) -> tuple[float, int]:
         """Mean return of the policy here, and the control steps that took to find out."""
-        policy = PolicySet([{name: value.astype(float) for name, value in weights.items()}], limit)
-        found, steps = play(self.make, policy, self.settings.episodes, copy.deepcopy(self.transformation), _mixed(self.seed, 0, 3))
+        found, steps = play(self.make, single_policy(weights, limit), self.settings.episodes, copy.deepcopy(self.transformation), _mixed(self.seed, 0, 3))
         return found.mean, steps
 
 

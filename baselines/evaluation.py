@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,9 +23,6 @@ class Returns:
     mean: float
     std: float
     episodes: int
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def play(make: Callable[[], RobotEnv], policies: Policy, episodes: int, transformation: Transformation | None, seed: int) -> tuple[Returns, int]:

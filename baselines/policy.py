@@ -230,6 +230,11 @@ def policy_from(found: Mapping[str, torch.Tensor] | Policy, limit: float) -> Pol
     return AggregatedPolicy(found, limit) if "aggregation" in found else PolicySet([arrays(found)], limit)
 
 
+def single_policy(weights: Mapping[str, Array], limit: float) -> PolicySet:
+    """The policy with these weights, of whatever precision they are kept in."""
+    return PolicySet([{name: value.astype(np.float64) for name, value in weights.items()}], limit)
+
+
 def policy_set(policies: Sequence[ActorCriticPolicy], limit: float) -> PolicySet:
     """The numpy twin of torch `policies`."""
     return PolicySet([arrays(policy.state_dict()) for policy in policies], limit)

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.method import Method, Result, swept
-from mpge_bench.baselines.policy import Array, PolicySet, tensors
+from mpge_bench.baselines.policy import Array, PolicySet, single_policy, tensors
 from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
@@ -109,13 +109,8 @@ def _play(problem: Problem, settings: RARLSettings, ratio: float, seed: int, pro
         adversary.scale_inputs_as(start)
         batch = settings.turn * agent.worlds * agent.rollout_steps
         while protagonist.steps < agent.steps:
-            adversary_worlds.protagonist = _acting(protagonist, limit)
+            adversary_worlds.protagonist = single_policy(protagonist.state(), limit)
             adversary.learn(adversary.steps + batch, agent.steps, progress.advance)
-            opponent.policy = _acting(adversary, ratio * limit)
+            opponent.policy = single_policy(adversary.state(), ratio * limit)
             protagonist.learn(protagonist.steps + batch, agent.steps, progress.advance)
         return tensors(protagonist.state()), own.steps + others.steps
-
-
-def _acting(agent: PPO, limit: float) -> PolicySet:
-    """The agent's policy as it stands."""
-    return PolicySet([{name: value.astype(float) for name, value in agent.state().items()}], limit)

@@ -30,7 +30,7 @@ from mpge_bench.baselines.agent import learn
 from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.grounding.transformation import LearntTransformation
 from mpge_bench.baselines.mpg import ground
-from mpge_bench.baselines.policy import PolicySet
+from mpge_bench.baselines.policy import PolicySet, single_policy
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import Task, get_task
 from mpge_bench.harness.metrics import action_transformation_error
@@ -66,7 +66,7 @@ def severity(policies: Annotated[list[str], typer.Option(help="policy files, pat
     """(a) Returns of finished policies where the dead motor delivers a little: is the target a knife's edge?"""
     rows = []
     for path in track(sorted({path for pattern in policies for path in ROOT.glob(pattern)}), "policies"):
-        policy = PolicySet([{name: value.astype(float) for name, value in load_file(path).items()}], get_task(task).robot.action_limit)
+        policy = single_policy(load_file(path), get_task(task).robot.action_limit)
         found = {f"{gain:.0%}": returns(_at(task, gain).target, policy, 20).mean for gain in GAINS}
         rows.append({"policy": " ".join(path.parts[-5:-1]) if path.name == "policy.safetensors" else path.stem} | found)
     _write("severity", rows, 0)
@@ -135,7 +135,7 @@ def planned(task: _TASK = "broken_hopper", gains: Annotated[list[float], typer.O
     starts = problem_of(settings, chosen).sources.weights
     for gain in track(gains, "planned groundings"):
         found = learn(_at(task, gain).target, chosen.agent, seed, starts=starts)
-        policy = PolicySet([{name: value.astype(float) for name, value in found.weights.items()}], get_task(task).robot.action_limit)
+        policy = single_policy(found.weights, get_task(task).robot.action_limit)
         rng = np.random.default_rng(0)
         error = gain * float(np.abs(rng.uniform(-1, 1, 10_000)).mean()) * get_task(task).robot.action_limit
         there, here = (returns(_at(task, one).target, policy).mean for one in (gain, 0.0))

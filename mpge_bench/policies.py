@@ -14,7 +14,7 @@ import torch
 
 from mpge_bench.baselines.agent import AgentSettings, Weights, learn
 from mpge_bench.baselines.evaluation import returns
-from mpge_bench.baselines.policy import PolicySet, arrays, load_state, save_policy, tensors
+from mpge_bench.baselines.policy import PolicySet, arrays, load_state, save_policy, single_policy, tensors
 from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.presets import load_preset, settings_from
 from mpge_bench.baselines.progress import Progress, Silent
@@ -78,7 +78,7 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     settings = settings_from(PolicySettings, load_preset("policies", "standard", task.name if at_target else task.robot.name))
     torch.set_num_threads(1)
     made = _MAKERS[kind](task, settings, seed, folder, progress, jobs)
-    path, single = policy_path(task, kind, seed, folder), PolicySet([arrays(tensors(made.weights))], task.robot.action_limit)
+    path, single = policy_path(task, kind, seed, folder), single_policy(made.weights, task.robot.action_limit)
     places = {"source": task.source} | ({"target": task.target} if at_target else {})
     card = {
         "schema": "mpge_bench/policy/2",
