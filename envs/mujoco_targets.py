@@ -26,7 +26,7 @@ import numpy as np
 
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.physics import Array
-from mpge_bench.envs.world import BASE_DQ, BASE_Q
+from mpge_bench.envs.world import BASE_DQ, BASE_Q, checked_state
 
 #: MuJoCo's x, y, z, then w, x, y, z as ours: x, y, z, then x, y, z, w; and back.
 _OURS, _THEIRS = [0, 1, 2, 4, 5, 6, 3], [0, 1, 2, 6, 3, 4, 5]
@@ -72,17 +72,9 @@ class MujocoWorld:
         Raises:
             UserError: if a length is wrong, a value is not finite or a quaternion is 0.
         """
-        q, dq = np.array(q, float), np.array(dq, float)
-        if q.shape != self.q.shape or dq.shape != self.dq.shape:
-            raise UserError(f"set_state takes q of shape {self.q.shape} and dq of shape {self.dq.shape}; got {q.shape} and {dq.shape}")
-        if not math.isfinite(sum(q.tolist()) + sum(dq.tolist())):
-            raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
+        q, dq = checked_state(q, dq, self.q.shape, self.dq.shape, floating=self.floating)
         self._mujoco.mj_resetData(self._model, self._data)
         if self.floating:
-            length = float(np.linalg.norm(q[3:BASE_Q]))
-            if not length > 0:
-                raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
-            q[3:BASE_Q] /= length
             self._data.qpos[:BASE_Q], self._data.qpos[BASE_Q:] = q[_THEIRS], q[BASE_Q:]
             self._data.qvel[:] = dq
             self._data.qvel[3:BASE_DQ] = self._turned(dq[3:BASE_DQ], back=True)

@@ -28,6 +28,28 @@ Array = npt.NDArray[np.float64]
 BASE_Q, BASE_DQ = 7, 6
 
 
+def checked_state(
+    q: Array | Sequence[float], dq: Array | Sequence[float], q_shape: tuple[int, ...], dq_shape: tuple[int, ...], *, floating: bool
+) -> tuple[Array, Array]:
+    """Copies of the coordinates `q` and velocities `dq` that `set_state` is given, a floating base's quaternion scaled to unit length.
+
+    Raises:
+        UserError: if a length is wrong, a value is not finite or a quaternion is 0.
+    """
+    q, dq = np.array(q, float), np.array(dq, float)
+    if q.shape != q_shape or dq.shape != dq_shape:
+        raise UserError(f"set_state takes q of shape {q_shape} and dq of shape {dq_shape}; got {q.shape} and {dq.shape}")
+    # A sum is finite only if all it adds up are; that of a robot's coordinates does not overflow.
+    if not math.isfinite(sum(q.tolist()) + sum(dq.tolist())):
+        raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
+    if floating:
+        length = float(np.linalg.norm(q[3:BASE_Q]))
+        if not length > 0:
+            raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
+        q[3:BASE_Q] /= length
+    return q, dq
+
+
 @dataclass(frozen=True)
 class Loop:
     """A ball joint that closes a kinematic loop: `point`, m, in the frame of `link` stays at `other_point` in the frame of `other_link`."""
@@ -249,19 +271,8 @@ class World:
         Raises:
             UserError: if a length is wrong, a value is not finite or a quaternion is 0.
         """
-        q, dq = np.array(q, float), np.array(dq, float)
-        if q.shape != self.q.shape or dq.shape != self.dq.shape:
-            raise UserError(f"set_state takes q of shape {self.q.shape} and dq of shape {self.dq.shape}; got {q.shape} and {dq.shape}")
-        # A sum is finite only if all it adds up are; that of a robot's coordinates does not overflow.
-        if not math.isfinite(sum(q.tolist()) + sum(dq.tolist())):
-            raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
-        angles, speeds = q, dq
-        if self.floating:
-            length = float(np.linalg.norm(q[3:BASE_Q]))
-            if not length > 0:
-                raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
-            q[3:BASE_Q] /= length
-            angles, speeds = q[BASE_Q:], dq[BASE_DQ:]
+        q, dq = checked_state(q, dq, self.q.shape, self.dq.shape, floating=self.floating)
+        angles, speeds = (q[BASE_Q:], dq[BASE_DQ:]) if self.floating else (q, dq)
         bullet.restoreState(self._snapshot, physicsClientId=self._client)
         if self.floating:
             self._put_base(q[:BASE_Q], dq[:BASE_DQ])
