@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.envs import RobotEnv
+from mpge_bench.envs.world import disconnect_dropped
 
 Array = npt.NDArray[Any]
 
@@ -119,6 +120,7 @@ class Worlds(VecEnv):
     def close(self) -> None:
         """Give the worlds' memory back (some 50 MB each in PyBullet); nothing but `steps` is to be asked for after it."""
         self.envs = []
+        disconnect_dropped()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         return [getattr(self.envs[index], attr_name) for index in self._get_indices(indices)]

@@ -105,8 +105,9 @@ class World:
     ) -> None:
         self.timestep = timestep
         self.substeps = substeps
+        disconnect_dropped()
         self._client: int = bullet.connect(bullet.DIRECT)
-        weakref.finalize(self, _disconnect, self._client)
+        weakref.finalize(self, _dropped.append, self._client)
         model = model.copy() if isinstance(model, Model) else Model(model)
         self.floating = model.floating
         for name, inertia in (armature or {}).items():
@@ -532,6 +533,12 @@ class World:
         return bool(bullet.getContactPoints(bodyA=self._body, physicsClientId=self._client))
 
 
-def _disconnect(client: int) -> None:
-    with contextlib.suppress(bullet.error):
-        bullet.disconnect(client)
+#: Clients of worlds that are gone. A finalizer swallows what is raised in it, a Ctrl-C too: so it takes no time, and what does is done later.
+_dropped: list[int] = []
+
+
+def disconnect_dropped() -> None:
+    """Give back the memory of worlds that are gone; making a world does it, too."""
+    while _dropped:
+        with contextlib.suppress(bullet.error):
+            bullet.disconnect(_dropped.pop())

@@ -34,7 +34,7 @@ from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots import Minitaur
 from mpge_bench.envs.robots.robot import MODELS, Robot
-from mpge_bench.envs.world import Loop, World
+from mpge_bench.envs.world import Loop, World, disconnect_dropped
 
 G = 9.81
 MASS, ARM, CENTRAL = 2.0, 0.5, 0.1  # of the pole: kg, m from hinge to centre of mass, kg m² about it
@@ -170,6 +170,21 @@ def test_a_fresh_process_repeats_bit_by_bit() -> None:
     code = f"import runpy; digest = runpy.run_path({__file__!r})['digest']; print(*map(digest, {list(ROBOTS)}))"
     fresh = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert fresh == [digest(name) for name in ROBOTS]
+
+
+def test_ctrl_c_while_a_world_goes_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    disconnect_dropped()
+    world = World(pole(tmp_path), timestep=0.01)
+    with monkeypatch.context() as patch:
+        patch.setattr(bullet, "disconnect", interrupted)
+        del world
+        with pytest.raises(KeyboardInterrupt):
+            disconnect_dropped()
+    # The next world is none the worse for it.
+    World(pole(tmp_path), timestep=0.01).step([0.0])
 
 
 def test_the_pole_swings_with_the_period_of_a_compound_pendulum(tmp_path: Path) -> None:
