@@ -6,7 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,42 +31,34 @@ Weights = Mapping[str, Array]
 class AgentSettings(PPOSettings):
     """Hyperparameters of an agent that learns by PPO, and how its policy is chosen, by returns where it learns and nowhere else.
 
-    One run of PPO may end with a gait that stands still or with a bad last batch. So several candidates begin, each from another source policy, the best
-    of them go on, and of each the best checkpoint is kept.
+    One run of PPO may end with a gait that stands still, with a bad last batch, or with noise so small that it finds nothing better. So the budget is cut
+    into rounds: agents of the first start from several source policies, those of a later one from the best policy so far, exploring anew. The more agents
+    a round has, the fewer steps has each.
 
     Attributes:
-        steps: budget of control steps of a candidate that goes all the way. With 0 a transfer ends with the grounding: the policy stays the one it starts from.
-        candidates: how many begin, from source policies number 0, 1, ... of the run.
-        trial_steps: after which the best ones are chosen, in all cases after a whole number of batches.
-        finalists: how many go on from there.
-        checkpoints: how many are compared of a finalist, at equal distances, the last at the end.
+        steps: control steps of a round, which its agents share. With 0 a transfer ends with the grounding: the policy stays the one it starts from.
+        rounds: how many follow each other.
+        candidates: agents of the first round, which start from source policies number 0, 1, ... of the run.
+        finalists: agents of a later round.
+        checkpoints: how many are compared of an agent in a round, at equal distances, the last at its end.
         episodes: that a comparison plays with each, mean actions, the same ones for all.
     """
 
     steps: int
+    rounds: int = 1
     candidates: int = 1
-    trial_steps: int = 0
     finalists: int = 1
     checkpoints: int = 1
     episodes: int = 10
 
     def __post_init__(self) -> None:
-        if not 1 <= self.finalists <= self.candidates:
-            raise UserError(f"setting finalists is {self.finalists} of {self.candidates} candidates; give 1 or more, and no more than there are candidates")
-        if self.finalists < self.candidates and not self.trial_steps:
-            raise UserError("setting trial_steps is 0, so that no finalists can be chosen; give the steps of a trial")
-        if min(self.checkpoints, self.episodes) < 1:
-            raise UserError("settings checkpoints and episodes take 1 or more")
-
-    @property
-    def trial(self) -> int:
-        """Steps of the trial, which cannot be longer than the whole."""
-        return min(self.trial_steps, self.steps)
+        if min(self.rounds, self.candidates, self.finalists, self.checkpoints, self.episodes) < 1:
+            raise UserError("settings rounds, candidates, finalists, checkpoints and episodes take 1 or more")
 
     @property
     def compares(self) -> bool:
         """Whether there is anything to choose from."""
-        return self.candidates > 1 or self.checkpoints > 1
+        return max(self.rounds, self.candidates, self.checkpoints) > 1
 
 
 @dataclass(frozen=True)
@@ -77,25 +69,13 @@ class Learnt:
         weights: its state dict.
         value: mean return where it learnt, by which it was chosen.
         steps: control steps that all of it took, evaluations included.
-        curve: (control steps, mean return, candidate) of all that was compared, in order.
+        curve: (round, the agent's control steps in it, mean return, agent) of all that was compared, in order.
     """
 
     weights: Weights
     value: float
     steps: int
-    curve: list[tuple[int, float, int]]
-
-
-@dataclass
-class _Candidate:
-    """An agent under way, and the best that it has been."""
-
-    number: int
-    agent: PPO
-    best: Weights
-    value: float = -np.inf
-    evaluation_steps: int = 0
-    curve: list[tuple[int, float, int]] = field(default_factory=list)
+    curve: list[tuple[int, int, float, int]]
 
 
 @dataclass(frozen=True)
@@ -116,50 +96,32 @@ class _Place:
     seed: int
     log_dir: Path | None
 
-    def _worlds(self, candidate: int, leg: int) -> Worlds:
+    def learn(self, turn: int, candidate: int, share: int, start: Weights | None, advance: Advance) -> Learnt:
+        """What an agent of round number `turn` learns in its `share` of steps: the best of its checkpoints, or its last weights if nothing is compared."""
+        settings = self.settings
+        log = self.log_dir / f"round_{turn}_candidate_{candidate}" if self.log_dir else None
+        best, value, evaluated = None, -np.inf, 0
+        curve: list[tuple[int, int, float, int]] = []
         # A copy: a transformation that draws noise shall draw the same whichever process this is.
-        return Worlds(self.make, self.settings.worlds, _mixed(self.seed, candidate, leg), copy.deepcopy(self.transformation))
-
-    def begin(self, candidate: int, start: Weights | None, advance: Advance) -> _Candidate:
-        """A new candidate, after its trial if there is one."""
-        log = self.log_dir / f"candidate_{candidate}" if self.log_dir else None
-        with closing(self._worlds(candidate, 0)) as worlds:
-            agent = PPO(worlds, self.settings, _mixed(self.seed, candidate, 2), start=start, log_dir=log)
-            found = _Candidate(candidate, agent, agent.state())
-            if self.settings.trial:
-                self._learn(found, self.settings.trial, advance)
-            agent.paused()
-        return found
-
-    def finish(self, found: _Candidate, advance: Advance) -> _Candidate:
-        """A finalist after all its steps."""
-        settings = self.settings
-        with closing(self._worlds(found.number, 1)) as worlds:
-            found.agent.resumed(worlds)
+        worlds = Worlds(self.make, settings.worlds, _mixed(self.seed, turn, candidate, 0), copy.deepcopy(self.transformation))
+        with closing(worlds):
+            agent = PPO(worlds, settings, _mixed(self.seed, turn, candidate, 1), start=start, log_dir=log)
             for index in range(settings.checkpoints):
-                wanted = settings.steps * (index + 1) // settings.checkpoints
-                if wanted > found.agent.steps:
-                    self._learn(found, wanted, advance)
-            found.agent.paused()
-        return found
-
-    def _learn(self, found: _Candidate, until: int, advance: Advance) -> None:
-        """Let the candidate learn until it has taken so many steps in all, and compare it with what it was."""
-        settings = self.settings
-        found.agent.learn(until, settings.steps, advance)
-        weights = found.agent.state()
-        if not settings.compares:
-            found.best = weights
-            return
-        value, steps = self.play(weights, found.agent.limit)
-        found.evaluation_steps += steps
-        found.curve.append((found.agent.steps, value, found.number))
-        if value > found.value:
-            found.best, found.value = weights, value
+                until = share * (index + 1) // settings.checkpoints
+                if until <= agent.steps:
+                    continue
+                agent.learn(until, share, advance)
+                if settings.compares:
+                    found, steps = self.play(agent.state(), agent.limit)
+                    evaluated += steps
+                    curve.append((turn, agent.steps, found, candidate))
+                    if found > value:
+                        best, value = agent.state(), found
+            return Learnt(best or agent.state(), value, agent.steps + evaluated, curve)
 
     def play(self, weights: Weights, limit: float) -> tuple[float, int]:
         """Mean return of the policy here, and the control steps that took to find out."""
-        found, steps = play(self.make, single_policy(weights, limit), self.settings.episodes, copy.deepcopy(self.transformation), _mixed(self.seed, 0, 3))
+        found, steps = play(self.make, single_policy(weights, limit), self.settings.episodes, copy.deepcopy(self.transformation), _mixed(self.seed, 0))
         return found.mean, steps
 
 
@@ -186,7 +148,7 @@ def learn(
         make: makes a world; can be pickled, as the transformation can.
         settings: hyperparameters.
         seed: of everything random.
-        starts: weights that candidates start from in turn, their input statistics then kept; None starts from scratch.
+        starts: weights that candidates of the first round start from in turn, their input statistics then kept; None starts from scratch.
         transformation: what the worlds make of actions.
         progress: told of the stages, called `what`.
         log_dir: where TensorBoard curves go.
@@ -194,19 +156,15 @@ def learn(
     """
     progress = progress or Silent()
     place = _Place(make, transformation, settings, seed, log_dir)
-    if settings.trial:
-        progress.stage(f"{what}: {settings.candidates} candidates", settings.candidates * settings.trial)
-    calls = [(number, starts[number % len(starts)]) for number in range(settings.candidates)]
-    found = side_by_side(place.begin, calls, jobs, progress.advance)
-    order = sorted(range(len(found)), key=lambda one: -found[one].value)
-    finalists = [found[one] for one in order[: settings.finalists]]
-    left = settings.steps - settings.trial
-    progress.stage(f"{what}: {settings.finalists} go on" if settings.trial else what, settings.finalists * left)
-    done = side_by_side(place.finish, [(one,) for one in finalists], jobs, progress.advance)
-    best = max(done, key=lambda one: one.value) if settings.compares else done[0]
-    others = [found[one] for one in order[settings.finalists :]]
-    steps = sum(one.agent.steps + one.evaluation_steps for one in [*done, *others])
-    return Learnt(best.best, best.value, steps, sorted(point for one in [*done, *others] for point in one.curve))
+    found: list[Learnt] = []
+    for turn in range(settings.rounds):
+        count = settings.finalists if turn else settings.candidates
+        progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
+        calls = [(turn, number, settings.steps // count, starts[number % len(starts)]) for number in range(count)]
+        found += side_by_side(place.learn, calls, jobs, progress.advance)
+        best = max(found, key=lambda one: one.value)
+        starts = [best.weights]
+    return Learnt(best.weights, best.value, sum(one.steps for one in found), sorted(point for one in found for point in one.curve))
 
 
 def train_transfer(

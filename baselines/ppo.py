@@ -98,25 +98,12 @@ class ActorCritic:
         sizes |= {"action_net": (action_size, width), "log_std_net": (action_size, width), "value_net": (1, width)}
         shapes: dict[str, tuple[int, ...]] = {f"{name}.{part}": shape for name, size in sizes.items() for part, shape in (("weight", size), ("bias", size[:1]))}
         shapes |= further or {}
-        self._shapes = shapes
         self.values = np.zeros(sum(int(np.prod(shape)) for shape in shapes.values()), np.float32)
-        self._look()
+        self._gradient = np.zeros_like(self.values)
+        self.arrays, self._slopes = (_views(vector, shapes) for vector in (self.values, self._gradient))
         gains = {"action_net": 0.01, "log_std_net": 0.0, "value_net": 1.0}
         for name, size in sizes.items():
             self.arrays[f"{name}.weight"][:] = gains.get(name, np.sqrt(2)) * _orthogonal(size, rng)
-
-    def _look(self) -> None:
-        """Make the views."""
-        self._gradient = np.zeros_like(self.values)
-        self.arrays, self._slopes = (_views(vector, self._shapes) for vector in (self.values, self._gradient))
-
-    def __getstate__(self) -> dict[str, Any]:
-        # A pickled view would come back as an array of its own.
-        return {name: value for name, value in self.__dict__.items() if name not in ("arrays", "_slopes", "_gradient")}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._look()
 
     def _hidden(self, x: Array, side: str) -> tuple[Array, Array]:
         layers, found = self.arrays, []
@@ -275,25 +262,11 @@ class PPO:
         self._adam = _Adam(self.network.values.size)
         self._reward_scale = RunningMeanStd(shape=())
         self._log_dir, self._logger = log_dir, cast(Logger | None, None)
-        self._begin(worlds)
-        self.steps = 0
-        self.episodes: list[tuple[int, float]] = []
-
-    def _begin(self, worlds: VecEnv | None) -> None:
         self.worlds = worlds
         self._states: Array | None = None
-        self._discounted = np.zeros(worlds.num_envs if worlds else 0)
-
-    def paused(self) -> PPO:
-        """The agent without its worlds, to be sent to another process; they stay the caller's to close."""
-        self._begin(None)
-        self._logger = None
-        return self
-
-    def resumed(self, worlds: VecEnv) -> PPO:
-        """A paused agent going on in `worlds`, where new episodes begin."""
-        self._begin(worlds)
-        return self
+        self._discounted = np.zeros(worlds.num_envs)
+        self.steps = 0
+        self.episodes: list[tuple[int, float]] = []
 
     def scale_inputs_as(self, weights: Mapping[str, Array]) -> None:
         """Use the input statistics among `weights`, and learn no others."""
@@ -320,7 +293,6 @@ class PPO:
 
     def collect(self, advance: Advance) -> tuple[_Rollout, Array]:
         """Act for a batch; what happened, and the values (n,) of the states that it ended in."""
-        assert self.worlds is not None
         settings, count = self.settings, self.worlds.num_envs
         shape = (settings.rollout_steps, count)
         rollout = _Rollout(*(np.zeros((*shape, *size), np.float32) for size in ((self.mean.size + self.network.passed,), (self._actions,), (), (), (), ())))

@@ -66,7 +66,7 @@ class _Made:
 def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progress: Progress | None = None, jobs: int = 1) -> Path:
     """Train one policy in the source or in the target (`kind`) and write it, with its card, to its place.
 
-    The card tells settings, seeds dropped and what they returned, what was compared on the way (control steps, mean return, candidate), steps, seed,
+    The card tells settings, seeds dropped and what they returned, what was compared on the way (round, control steps in it, mean return, agent), steps, seed,
     versions, commit, fingerprints of the motion, and the returns of the mean action over 50 episodes in the source and (of a target-optimal policy) in
     the target.
 
@@ -119,12 +119,12 @@ def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
     turn = seed * settings.candidates % len(starts)
     what = f"{task.name} target policy, seed {seed}"
     best = learn(task.target, settings, seed, starts=starts[turn:] + starts[:turn], progress=progress, what=what, jobs=jobs)
-    compared, steps = [list(point) for point in best.curve], best.steps
+    compared, steps, rounds = [list(point) for point in best.curve], best.steps, settings.rounds
     for doubling in range(settings.doublings):
-        onward = replace(settings, steps=settings.steps * 2**doubling, candidates=1, finalists=1, trial_steps=0)
+        onward = replace(settings, rounds=rounds, candidates=settings.finalists)
         more = learn(task.target, onward, seed + 1000 * (doubling + 1), starts=[best.weights], progress=progress, what=f"{what}, doubled", jobs=jobs)
-        compared += [[steps + taken, value, -1 - doubling] for taken, value, _ in more.curve]
-        steps += more.steps
+        compared += [[rounds + turn, *point] for turn, *point in more.curve]
+        steps, rounds = steps + more.steps, 2 * rounds
         gained, best = more.value - best.value, max(best, more, key=lambda one: one.value)
         if gained < WORTH * abs(best.value):
             break

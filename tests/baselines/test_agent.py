@@ -7,8 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mpge_bench.baselines import agent
 from mpge_bench.baselines.agent import AgentSettings, learn, train_transfer
 from mpge_bench.baselines.policy import PolicySet
+from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Silent
 from mpge_bench.baselines.vector import Identity, Noise
@@ -17,7 +19,7 @@ from mpge_bench.envs.errors import UserError
 
 TASK = get_task("biased_pendulum")
 SETTINGS = AgentSettings(steps=192, worlds=2, rollout_steps=32, batch_size=64, epochs=2, initial_std=0.3, episodes=2)
-CHOOSING = dataclasses.replace(SETTINGS, candidates=3, trial_steps=64, finalists=2, checkpoints=3)
+CHOOSING = dataclasses.replace(SETTINGS, steps=384, rounds=2, candidates=3, finalists=2, checkpoints=2)
 
 
 def test_a_transfer_of_no_steps_leaves_the_policy_it_starts_from(pendulum_policies, tmp_path):
@@ -43,16 +45,28 @@ def test_input_statistics_are_learnt_from_scratch():
     assert ((std > 1e-3) & (np.abs(std - 1) > 1e-3)).all()
 
 
-def test_candidates_start_from_the_policies_in_turn_the_best_go_on_and_the_best_checkpoint_is_kept(pendulum_policies):
+def test_every_round_starts_from_the_best_so_far_and_the_best_of_all_is_kept(pendulum_policies, monkeypatch):
+    begun = []
+
+    class Noted(PPO):
+        def __init__(self, worlds, settings, seed, *, start=None, log_dir=None):
+            begun.append(start)
+            super().__init__(worlds, settings, seed, start=start, log_dir=log_dir)
+
+    monkeypatch.setattr(agent, "PPO", Noted)
     found = learn(TASK.source, CHOOSING, 0, starts=pendulum_policies.weights)
-    trials = [(value, candidate) for steps, value, candidate in found.curve if steps == 64]
-    assert sorted(candidate for _, candidate in trials) == [0, 1, 2]
-    left_out = min(trials)[1]
-    later = [(steps, candidate) for steps, _, candidate in found.curve if steps > 64]
-    assert sorted(later) == sorted((steps, candidate) for steps in (128, 192) for candidate in {0, 1, 2} - {left_out})
-    assert found.value == max(value for _, value, candidate in found.curve if candidate != left_out)
-    # Three trials, two finalists' 128 further steps each, and the episodes of seven comparisons.
-    assert found.steps > 3 * 64 + 2 * 128 + 7 * 2 * 2
+    assert found.curve == sorted(found.curve)
+    wanted = [(0, steps, one) for steps in (64, 128) for one in range(3)] + [(1, steps, one) for steps in (128, 192) for one in range(2)]
+    assert sorted((turn, steps, one) for turn, steps, _, one in found.curve) == wanted
+    starts = pendulum_policies.weights
+    assert all(one is starts[number % len(starts)] for number, one in enumerate(begun[:3]))
+    first = learn(TASK.source, dataclasses.replace(CHOOSING, rounds=1), 0, starts=pendulum_policies.weights)
+    for start in begun[3:5]:
+        for name, weight in first.weights.items():
+            np.testing.assert_array_equal(start[name], weight, err_msg=name)
+    assert found.value == max(value for _, _, value, _ in found.curve)
+    # Three agents of 128 steps, two of 192, and the episodes of ten comparisons.
+    assert found.steps > 3 * 128 + 2 * 192 + 10 * 2 * 2
 
 
 def test_the_result_does_not_depend_on_the_number_of_processes(pendulum_policies):
@@ -66,19 +80,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(pendulum_policies
         np.testing.assert_array_equal(weight, two.weights[name], err_msg=name)
 
 
-def test_a_trial_is_no_longer_than_the_whole(pendulum_policies):
-    found = learn(TASK.source, dataclasses.replace(CHOOSING, trial_steps=10**9), 0, starts=pendulum_policies.weights)
-    assert {steps for steps, _, _ in found.curve} == {192}
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"finalists": 4}, "setting finalists is 4 of 3 candidates"),
-        ({"trial_steps": 0}, "trial_steps is 0, so that no finalists can be chosen"),
-        ({"checkpoints": 0}, "take 1 or more"),
-    ],
-)
-def test_settings_that_make_no_sense_are_one_line(changes, message):
-    with pytest.raises(UserError, match=message):
-        dataclasses.replace(CHOOSING, **changes)
+@pytest.mark.parametrize("name", ["rounds", "candidates", "finalists", "checkpoints", "episodes"])
+def test_settings_that_make_no_sense_are_one_line(name):
+    with pytest.raises(UserError, match="take 1 or more"):
+        dataclasses.replace(CHOOSING, **{name: 0})

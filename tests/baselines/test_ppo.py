@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 import torch
@@ -144,14 +142,3 @@ def test_an_orthogonal_start_is_orthogonal():
         matrix = _orthogonal(shape, np.random.default_rng(0))
         small = matrix if shape[0] <= shape[1] else matrix.T
         np.testing.assert_allclose(small @ small.T, np.eye(min(shape)), atol=1e-12)
-
-
-def test_it_goes_on_learning_after_a_journey_to_another_process():
-    task, settings = get_task("biased_pendulum"), PPOSettings(worlds=2, rollout_steps=16)
-    agent = PPO(Worlds(task.source, 2, 0), settings, 0)
-    agent.learn(64, 128, _ignore)
-    traveller = pickle.loads(pickle.dumps(agent.paused()))
-    for one in (agent, traveller):
-        one.resumed(Worlds(task.source, 2, 1)).learn(128, 128, _ignore)
-    assert np.array_equal(agent.network.arrays["action_net.weight"], traveller.network.arrays["action_net.weight"])
-    assert np.array_equal(agent.network.values, traveller.network.values)
