@@ -169,8 +169,8 @@ def train_policies(
 ) -> None:
     """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card, and measure its references.
 
-    A source policy is the best of several candidates that learn from scratch. A target-optimal policy starts from source policies and from scratch, and goes
-    on until doubling its steps no longer pays; the best of the three is J*, normalised return 1. What every run is held against (direct, J*, errors of the
+    A source policy is the best of several that learn from scratch. A target-optimal policy starts from source policies and from scratch, and goes on in
+    rounds until doubling them no longer pays; the best of the three is J*, normalised return 1. What every run is held against (direct, J*, errors of the
     ungrounded source) is measured once and kept beside the pair's policies, in references.json.
     The entropy-regularised set (--kind er) is made of five source policies, too: each is paid to go where those before it are undecided (MPGE, section 4).
     """

@@ -44,7 +44,7 @@ class PolicySettings(AgentSettings):
     Attributes:
         least: return in the source below which a source policy is dropped and another seed is tried: one that stands still cannot do the task.
         tries: how many seeds are tried.
-        doublings: of a target-optimal policy: how often its steps may be doubled, each time from the best so far, until that adds less than `WORTH`.
+        doublings: of a target-optimal policy: how often its rounds may be doubled, each time from the best so far, until that adds less than `WORTH`.
     """
 
     least: float = -1e9
@@ -114,7 +114,7 @@ def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
 
 
 def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
-    """The best of candidates that start from source policies and from scratch (which of these differs from seed to seed), learning on while doubling pays."""
+    """The best of agents that start from source policies and from scratch (which of these differs from seed to seed), learning on while doubling pays."""
     starts: list[Weights | None] = [*load_set(task, "source", folder).weights, None]
     turn = seed * settings.candidates % len(starts)
     what = f"{task.name} target policy, seed {seed}"
