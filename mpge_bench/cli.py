@@ -212,7 +212,7 @@ def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
 
 @app.command()
 def diagnose(
-    rig: Annotated[Path, typer.Option(help="What the simulator believes: a rig in YAML (README, Rigs and recordings).")],
+    rig: Annotated[Path, typer.Option(help="What the simulator believes: a rig in YAML (docs/recordings.md).")],
     recording: Annotated[list[str], typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")],
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
     horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions are judged, s.")] = 0.5,
@@ -425,6 +425,7 @@ def leaderboard(
 def tasks(
     task: Annotated[str | None, typer.Argument(help="Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+    update: Annotated[bool, typer.Option("--update", help="Write the table of docs/pairs.md anew; in a checkout.")] = False,
 ) -> None:
     """List the source/target pairs, or show one pair's page: what differs, where it is from, and how large the mismatch is.
 
@@ -437,6 +438,9 @@ def tasks(
     from mpge_bench import pairs
     from mpge_bench.console import ConsoleProgress
 
+    if update:
+        _update("pairs")
+        return
     if task is None:
         found = pairs.overview()
         if as_json:
@@ -457,17 +461,21 @@ def tasks(
 def methods(
     method: Annotated[str | None, typer.Argument(help="Only this method: a listed one, or your own: my_package.mine:MyMethod.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs: also whether it draws samples, its presets and its settings.")] = False,
+    update: Annotated[bool, typer.Option("--update", help="Write the table of docs/methods.md anew; in a checkout.")] = False,
 ) -> None:
     """List the transfer methods: what they do, where they are from, and what each uses besides the source and its policies.
 
     Examples: python -m mpge_bench methods, python -m mpge_bench methods mpge --json
 
-    Your own method is a subclass of mpge_bench.baselines.method.Method; README has a complete example. Its `access` says what it uses, in the words that
-    are explained below the table.
+    Your own method is a subclass of mpge_bench.baselines.method.Method; docs/methods.md has a complete example. Its `access` says what it uses, in the
+    words that are explained below the table.
     """
     from mpge_bench.baselines.method import ACCESS
     from mpge_bench.baselines.registry import ADDRESSES, described
 
+    if update:
+        _update("methods")
+        return
     found = [described(name) for name in ([method] if method else ADDRESSES)]
     if as_json:
         print(json.dumps(found, indent=1))
@@ -479,6 +487,13 @@ def methods(
         words.add_row(word, meaning)
     _wide().print(drawn)
     _wide().print(words)
+
+
+def _update(page: str) -> None:
+    """Write this page of the documentation with its table as it has to be today."""
+    from mpge_bench import pages
+
+    _out.print(f"{pages.update(page)}: written", markup=False, soft_wrap=True)
 
 
 def _wide() -> Console:

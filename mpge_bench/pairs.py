@@ -61,15 +61,22 @@ def table(entries: list[dict[str, Any]]) -> Table:
         caption_justify="left",
         row_styles=["", "dim"],
     )
-    for entry in entries:
+    for entry, (name, summary, *others) in zip(entries, rows(entries), strict=True):
         effects = ", ".join(dict.fromkeys(effect["effect"] for effect in entry["effects"])) or entry["simulator"]
         lacks = f". {entry['lacks']}" if entry["lacks"] else ""
+        drawn.add_row(name, f"{entry['observation_size']} × {entry['action_size']}", f"{summary} ({effects}){lacks}", *others)
+    return drawn
+
+
+def rows(entries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+    """What the overview says of each pair: name, how the target differs, where it is from, track, mismatch, and what actions can remove of it."""
+    found = []
+    for entry in entries:
         measured = entry["mismatch"]
         size, share = (f"{measured['mismatch']:.2g}", f"{max(measured['removable'], 0):.0%}") if measured else ("-", "-")
-        dimensions = f"{entry['observation_size']} × {entry['action_size']}"
         track = entry["track"] + ("*" if entry["development"] else "")
-        drawn.add_row(entry["name"], dimensions, f"{entry['summary']} ({effects}){lacks}", _short_citation(entry["citation"]), track, size, share)
-    return drawn
+        found.append((entry["name"], entry["summary"], _short_citation(entry["citation"]), track, size, share))
+    return found
 
 
 def _short_citation(citation: str) -> str:

@@ -110,7 +110,7 @@ def read_rig(path: Path) -> Rig:
     try:
         data = yaml.load(path.read_text("utf-8"), _Loader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable rig ({one_line(error)}); give a YAML file as the README describes") from error
+        raise UserError(f"{path}: not a readable rig ({one_line(error)}); give a YAML file as docs/recordings.md describes") from error
     if not isinstance(data, dict):
         raise UserError(f"{path}: a rig is a YAML mapping with robot, joints, ...; this is {type(data).__name__}")
     if "task" in data:

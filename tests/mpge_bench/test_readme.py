@@ -1,4 +1,4 @@
-"""What the README shows works as it stands there."""
+"""What the README and the documentation show works as it stands there."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from mpge_bench import pages
+from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, run
 from mpge_bench.leaderboard.results import collect
 
 ROOT = Path(__file__).parents[2]
-README = ROOT / "README.md"
-PAGES = [README, *sorted((ROOT / "docs").glob("*.md")), ROOT / "leaderboard/README.md"]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "leaderboard/README.md"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -22,8 +23,24 @@ def test_links_between_pages_lead_somewhere(page):
     assert [link for link in links if not (page.parent / link.partition("#")[0]).exists()] == []
 
 
+@pytest.mark.parametrize("name", pages.TABLES)
+def test_tables_of_the_documentation_are_as_their_command_writes_them(name):
+    assert (ROOT / f"docs/{name}.md").read_text() == pages.fresh(name), f"write it anew: python -m mpge_bench {name} --update"
+
+
+def test_a_page_without_a_place_for_its_table_is_refused(tmp_path):
+    (tmp_path / "page.md").write_text("<!-- pairs -->\n")
+    for name in ("page.md", "missing.md"):
+        with pytest.raises(UserError, match="no place for a table between two comments <!-- pairs -->"):
+            pages.with_table(tmp_path / name, "pairs", "")
+
+
+def test_the_readme_stays_a_page():
+    assert len((ROOT / "README.md").read_bytes()) <= 9000
+
+
 def test_the_example_of_a_users_method_runs_and_enters_the_tables(policy_folder, tmp_path, monkeypatch):
-    (code,) = (block for block in re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL) if "class BestGain(Method)" in block)
+    (code,) = (block for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs/methods.md").read_text(), re.DOTALL) if "class BestGain(Method)" in block)
     (tmp_path / "readme_example.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     settings = RunSettings("biased_pendulum", "readme_example:BestGain", 50, "smoke", 0, ("agent.steps=1024", "gains=[0.5, 1]"))
