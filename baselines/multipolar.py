@@ -87,8 +87,7 @@ class AggregatedActorCritic(ActorCritic):
         """The sources' actions (n, K, actuators), in units of the action limit."""
         return x[:, x.shape[1] - self.passed :].reshape(len(x), *self.arrays["aggregation"].shape) / np.float32(self._limit)
 
-    def _mean(self, x: Array, hidden: Array) -> Array:
-        own = super()._mean(x, hidden)
+    def _mean(self, x: Array, own: Array) -> Array:
         return own + (self.arrays["aggregation"] * self._taken(x)).mean(1) if self.passed else own
 
     def _mean_gradient(self, x: Array, slope: Array) -> None:

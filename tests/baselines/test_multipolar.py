@@ -34,7 +34,7 @@ def _with_sources(sources) -> np.ndarray:
 
 
 def _mean(agent: PPO, inputs: np.ndarray) -> np.ndarray:
-    return agent.network.act(agent._scaled(inputs))[0] * 3
+    return agent.network.evaluate(agent._scaled(inputs))[0] * 3
 
 
 def _best(policies, k: int) -> np.ndarray:
@@ -74,7 +74,7 @@ def test_the_gradient_of_the_weights_is_the_slope_of_the_loss(pendulum_policies)
     advantages = rng.normal(size=40).astype(np.float32)
 
     def probability():
-        mean, log_std = network.act(inputs)
+        mean, log_std, _ = network.evaluate(inputs)
         return (-0.5 * ((actions - mean) / np.exp(log_std)) ** 2 - log_std).sum(1) - 0.5 * np.log(2 * np.pi)
 
     old = probability().astype(np.float32)
@@ -135,5 +135,5 @@ def test_without_sources_it_learns_from_scratch(pendulum_policies, tmp_path):
 def test_the_value_sees_the_state_alone(pendulum_policies):
     agent, inputs = _untrained(pendulum_policies), _with_sources(pendulum_policies)
     changed = np.concatenate((inputs[:, :4], inputs[:, 4:] + 1), 1)
-    np.testing.assert_array_equal(agent.network.value(agent._scaled(inputs)), agent.network.value(agent._scaled(changed)))
+    np.testing.assert_array_equal(agent.network.evaluate(agent._scaled(inputs))[2], agent.network.evaluate(agent._scaled(changed))[2])
     assert agent.state()["features_extractor.mean"].shape == (4,)

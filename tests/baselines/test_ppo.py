@@ -94,8 +94,8 @@ def test_actor_and_critic_are_those_of_the_torch_policy(agents):
         taken = torch.as_tensor(observations, dtype=torch.float32)
         values = theirs.policy.predict_values(taken)[:, 0]
         distribution = theirs.policy.get_distribution(taken).distribution
-    mean, log_std = ours.network.act(ours._scaled(observations))
-    np.testing.assert_allclose(ours.network.value(ours._scaled(observations)), values, atol=1e-5)
+    mean, log_std, found = ours.network.evaluate(ours._scaled(observations))
+    np.testing.assert_allclose(found, values, atol=1e-5)
     np.testing.assert_allclose(mean, distribution.mean, atol=1e-5)
     np.testing.assert_allclose(np.exp(log_std), distribution.stddev, rtol=1e-5)
 
