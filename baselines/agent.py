@@ -19,7 +19,7 @@ from mpge_bench.baselines.ppo import PPO, PPOSettings
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import Transformation, Worlds
-from mpge_bench.baselines.workers import Advance, side_by_side
+from mpge_bench.baselines.workers import Advance, Crew
 from mpge_bench.envs import RobotEnv
 from mpge_bench.envs.errors import UserError
 
@@ -157,13 +157,14 @@ def learn(
     progress = progress or Silent()
     place = _Place(make, transformation, settings, seed, log_dir)
     found: list[Learnt] = []
-    for turn in range(settings.rounds):
-        count = settings.finalists if turn else settings.candidates
-        progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
-        calls = [(turn, number, settings.steps // count, starts[number % len(starts)]) for number in range(count)]
-        found += side_by_side(place.learn, calls, jobs, progress.advance)
-        best = max(found, key=lambda one: one.value)
-        starts = [best.weights]
+    with Crew(min(jobs, max(settings.candidates, settings.finalists))) as crew:
+        for turn in range(settings.rounds):
+            count = settings.finalists if turn else settings.candidates
+            progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
+            calls = [(turn, number, settings.steps // count, starts[number % len(starts)]) for number in range(count)]
+            found += crew.side_by_side(place.learn, calls, progress.advance)
+            best = max(found, key=lambda one: one.value)
+            starts = [best.weights]
     return Learnt(best.weights, best.value, sum(one.steps for one in found), sorted(point for one in found for point in one.curve))
 
 

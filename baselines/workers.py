@@ -6,7 +6,7 @@ import multiprocessing
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from multiprocessing.pool import Pool
 from typing import Any, TypeVar
 
@@ -39,26 +39,46 @@ def worker_pool(count: int, start: Callable[..., None] | None = None, arguments:
         pool.join()
 
 
-def side_by_side(work: Callable[..., Found], calls: Sequence[tuple[Any, ...]], jobs: int, advance: Advance) -> list[Found]:
-    """``work(*call, advance)`` for each of `calls`, up to `jobs` of them at a time, results in their order.
+class Crew(ExitStack):
+    """Up to `jobs` worker processes, started at need and kept until the `with` block ends: what they import takes seconds."""
 
-    `work` is a function of a module, and its arguments can be pickled. It takes what it needs from its arguments alone, so that the results do not depend
-    on `jobs`.
-    """
-    if min(jobs, len(calls)) <= 1:
-        return [work(*call, advance) for call in calls]
-    queue = multiprocessing.get_context("spawn").SimpleQueue()
-    with worker_pool(min(jobs, len(calls)), _take_queue, (queue,)) as pool:
-        waiting = [pool.apply_async(_work, (work, call)) for call in calls]
+    def __init__(self, jobs: int) -> None:
+        super().__init__()
+        self._jobs = jobs
+        self._pool: Pool | None = None
+        self._told: Any = None
+
+    def side_by_side(self, work: Callable[..., Found], calls: Sequence[tuple[Any, ...]], advance: Advance) -> list[Found]:
+        """``work(*call, advance)`` for each of `calls`, results in their order.
+
+        `work` is a function of a module, and its arguments can be pickled. It takes what it needs from its arguments alone, so that the results do not
+        depend on the number of processes.
+        """
+        if min(self._jobs, len(calls)) <= 1:
+            return [work(*call, advance) for call in calls]
+        if self._pool is None:
+            self._told = multiprocessing.get_context("spawn").SimpleQueue()
+            self._pool = self.enter_context(worker_pool(self._jobs, _take_queue, (self._told,)))
+        waiting = [self._pool.apply_async(_work, (work, call)) for call in calls]
         while not all(one.ready() for one in waiting):
             # A piece of work that failed shall not be waited for by the others.
             for one in waiting:
                 if one.ready():
                     one.get()
             time.sleep(0.1)
-            while not queue.empty():
-                advance(queue.get())
+            self._tell(advance)
+        self._tell(advance)
         return [one.get() for one in waiting]
+
+    def _tell(self, advance: Advance) -> None:
+        while not self._told.empty():
+            advance(self._told.get())
+
+
+def side_by_side(work: Callable[..., Found], calls: Sequence[tuple[Any, ...]], jobs: int, advance: Advance) -> list[Found]:
+    """As `Crew.side_by_side`, with up to `jobs` processes for these calls alone."""
+    with Crew(min(jobs, len(calls))) as crew:
+        return crew.side_by_side(work, calls, advance)
 
 
 def _work(work: Callable[..., Found], call: tuple[Any, ...]) -> Found:
