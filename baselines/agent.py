@@ -6,7 +6,7 @@ import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,15 +31,15 @@ Weights = Mapping[str, Array]
 class AgentSettings(PPOSettings):
     """Hyperparameters of an agent that learns by PPO, and how its policy is chosen, by returns where it learns and nowhere else.
 
-    One run of PPO may end with a gait that stands still, with a bad last batch, or with noise so small that it finds nothing better. So the budget is cut
-    into rounds: agents of the first start from several source policies, those of a later one from the best policy so far, exploring anew. The more agents
-    a round has, the fewer steps has each.
+    One run of PPO may end with a gait that stands still or with a bad last batch. So the budget is cut into rounds: agents of the first start from several
+    source policies; the best that came of each of these goes on in the next, with fresh noise and a fresh learning rate, as far as there are finalists. (Where
+    all went on from the one best policy, one seed of five stayed where it stood.) The more agents a round has, the fewer steps has each.
 
     Attributes:
         steps: control steps of a round, which its agents share. With 0 a transfer ends with the grounding: the policy stays the one it starts from.
         rounds: how many follow each other.
         candidates: agents of the first round, which start from source policies number 0, 1, ... of the run.
-        finalists: agents of a later round.
+        finalists: agents of a later round, each from what came of another agent of the first.
         checkpoints: how many are compared of an agent in a round, at equal distances, the last at its end.
         episodes: that a comparison plays with each, mean actions, the same ones for all.
     """
@@ -70,12 +70,14 @@ class Learnt:
         value: mean return where it learnt, by which it was chosen.
         steps: control steps that all of it took, evaluations included.
         curve: (round, the agent's control steps in it, mean return, agent) of all that was compared, in order.
+        origin: the agent of the first round that it comes of.
     """
 
     weights: Weights
     value: float
     steps: int
     curve: list[tuple[int, int, float, int]]
+    origin: int = 0
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class _Place:
     seed: int
     log_dir: Path | None
 
-    def learn(self, turn: int, candidate: int, share: int, start: Weights | None, advance: Advance) -> Learnt:
+    def learn(self, turn: int, candidate: int, share: int, start: Weights | None, origin: int, advance: Advance) -> Learnt:
         """What an agent of round number `turn` learns in its `share` of steps: the best of its checkpoints, or its last weights if nothing is compared."""
         settings = self.settings
         log = self.log_dir / f"round_{turn}_candidate_{candidate}" if self.log_dir else None
@@ -117,7 +119,7 @@ class _Place:
                     curve.append((turn, agent.steps, found, candidate))
                     if found > value:
                         best, value = agent.state(), found
-            return Learnt(best or agent.state(), value, agent.steps + evaluated, curve)
+            return Learnt(best or agent.state(), value, agent.steps + evaluated, curve, origin)
 
     def play(self, weights: Weights, limit: float) -> tuple[float, int]:
         """Mean return of the policy here, and the control steps that took to find out."""
@@ -157,15 +159,21 @@ def learn(
     progress = progress or Silent()
     place = _Place(make, transformation, settings, seed, log_dir)
     found: list[Learnt] = []
+    begins = [(starts[number % len(starts)], number) for number in range(settings.candidates)]
     with Crew(min(jobs, max(settings.candidates, settings.finalists))) as crew:
         for turn in range(settings.rounds):
-            count = settings.finalists if turn else settings.candidates
             progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
-            calls = [(turn, number, settings.steps // count, starts[number % len(starts)]) for number in range(count)]
+            calls = [(turn, number, settings.steps // len(begins), *begin) for number, begin in enumerate(begins)]
             found += crew.side_by_side(place.learn, calls, progress.advance)
-            best = max(found, key=lambda one: one.value)
-            starts = [best.weights]
-    return Learnt(best.weights, best.value, sum(one.steps for one in found), sorted(point for one in found for point in one.curve))
+            best = _best_of_each(found)
+            begins = [(best[number % len(best)].weights, best[number % len(best)].origin) for number in range(settings.finalists)]
+    return replace(best[0], steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
+
+
+def _best_of_each(found: Sequence[Learnt]) -> list[Learnt]:
+    """The best of each origin, the best of all first."""
+    order = sorted(found, key=lambda one: -one.value)
+    return [one for place, one in enumerate(order) if one.origin not in {earlier.origin for earlier in order[:place]}]
 
 
 def train_transfer(

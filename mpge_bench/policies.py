@@ -39,7 +39,7 @@ def policy_path(task: Task, kind: str, seed: int, folder: Path = FOLDER) -> Path
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySettings(AgentSettings):
-    """How a shipped policy is made.
+    """How a shipped policy is made; `candidates` counts for source policies alone, since target-optimal ones start from all that there is.
 
     Attributes:
         least: return in the source below which a source policy is dropped and another seed is tried: one that stands still cannot do the task.
@@ -114,11 +114,11 @@ def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
 
 
 def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
-    """The best of agents that start from source policies and from scratch (which of these differs from seed to seed), learning on while doubling pays."""
+    """The best of agents that start from every source policy and from scratch, learning on while doubling pays."""
     starts: list[Weights | None] = [*load_set(task, "source", folder).weights, None]
-    turn = seed * settings.candidates % len(starts)
+    settings = replace(settings, candidates=len(starts))
     what = f"{task.name} target policy, seed {seed}"
-    best = learn(task.target, settings, seed, starts=starts[turn:] + starts[:turn], progress=progress, what=what, jobs=jobs)
+    best = learn(task.target, settings, seed, starts=starts, progress=progress, what=what, jobs=jobs)
     compared, steps, rounds = [list(point) for point in best.curve], best.steps, settings.rounds
     for doubling in range(settings.doublings):
         onward = replace(settings, rounds=rounds, candidates=settings.finalists)

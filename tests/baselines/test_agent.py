@@ -45,7 +45,7 @@ def test_input_statistics_are_learnt_from_scratch():
     assert ((std > 1e-3) & (np.abs(std - 1) > 1e-3)).all()
 
 
-def test_every_round_starts_from_the_best_so_far_and_the_best_of_all_is_kept(pendulum_policies, monkeypatch):
+def test_the_best_of_each_start_goes_on_and_the_best_of_all_is_kept(pendulum_policies, monkeypatch):
     begun = []
 
     class Noted(PPO):
@@ -60,9 +60,12 @@ def test_every_round_starts_from_the_best_so_far_and_the_best_of_all_is_kept(pen
     assert sorted((turn, steps, one) for turn, steps, _, one in found.curve) == wanted
     starts = pendulum_policies.weights
     assert all(one is starts[number % len(starts)] for number, one in enumerate(begun[:3]))
-    first = learn(TASK.source, dataclasses.replace(CHOOSING, rounds=1), 0, starts=pendulum_policies.weights)
-    for start in begun[3:5]:
-        for name, weight in first.weights.items():
+    best = sorted(max(point[2:] for point in found.curve if point[0] == 0 and point[3] == one) for one in range(3))[::-1]
+    for start, (value, origin) in zip(begun[3:], best[:2], strict=True):
+        alone = dataclasses.replace(CHOOSING, rounds=1)
+        one = agent._Place(TASK.source, None, alone, 0, None).learn(0, origin, 128, starts[origin % len(starts)], origin, lambda steps: None)
+        assert one.value == value
+        for name, weight in one.weights.items():
             np.testing.assert_array_equal(start[name], weight, err_msg=name)
     assert found.value == max(value for _, _, value, _ in found.curve)
     # Three agents of 128 steps, two of 192, and the episodes of ten comparisons.
