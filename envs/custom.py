@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from mpge_bench.envs import yaml12
 from mpge_bench.envs.effects import effect_from_dict
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.robots import ROBOTS
@@ -52,7 +53,7 @@ def read_task(path: Path) -> Task:
         UserError: if the file cannot be read, or robot or effects are not right; source and target are loaded to find out.
     """
     try:
-        data = yaml.safe_load(path.read_text())
+        data = yaml12.load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise UserError(f"{path}: not a readable YAML file ({one_line(error)}); give the path of a pair") from error
     if not isinstance(data, dict) or not {"robot", "effects"} <= set(data) <= {"name", "robot", "effects", "summary"}:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
+from mpge_bench.envs import yaml12
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.severity import base_name
 
@@ -45,13 +45,6 @@ class RolloutSettings:
     rollout_std: float = 0.0
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML in which 3e5 and 1e-3 are numbers, as YAML 1.2 has it; PyYAML's 1.1 asks for 3.0e+5."""
-
-
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"^[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$"), list("-+.0123456789"))
-
-
 def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in change.items():
@@ -65,7 +58,7 @@ def _files(name: str | Path | None) -> list[dict[str, Any]]:
         return []
     path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
     with _readable(path):
-        data = yaml.load(path.read_text(), _Loader)
+        data = yaml12.load(path.read_text())
         return [*_files(data.get("inherits")), data]
 
 
@@ -123,7 +116,7 @@ def parse_overrides(pairs: Iterable[str]) -> dict[str, Any]:
         if not equals or not all(key.split(".")):
             raise UserError(f"--set {pair}: give it as KEY=VALUE, for instance agent.steps=100000")
         try:
-            value = yaml.load(text, _Loader)
+            value = yaml12.load(text)
         except yaml.YAMLError as error:
             raise UserError(f"--set {pair}: the value cannot be read ({one_line(error)})") from error
         for part in reversed(key.split(".")):

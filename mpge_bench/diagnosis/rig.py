@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from mpge_bench.envs import yaml12
 from mpge_bench.envs.effects import (
     CATALOGUE,
     Armature,
@@ -29,13 +29,6 @@ from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World
 
 _KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
-
-
-class _Loader(yaml.SafeLoader):
-    """Takes 1e-3 for a number, as YAML 1.2 does and PyYAML does not."""
-
-
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789"))
 _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
 
 
@@ -108,7 +101,7 @@ def read_rig(path: Path) -> Rig:
         UserError: if the file cannot be read, a key is missing, unknown or of the wrong kind, or a joint is not in the model.
     """
     try:
-        data = yaml.load(path.read_text("utf-8"), _Loader)
+        data = yaml12.load(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise UserError(f"{path}: not a readable rig ({one_line(error)}); give a YAML file as docs/recordings.md describes") from error
     if not isinstance(data, dict):

@@ -98,6 +98,11 @@ def test_name_and_summary_may_be_given(tmp_path: Path) -> None:
     assert task.has_action_transformation
 
 
+def test_numbers_may_be_written_without_a_point(tmp_path: Path) -> None:
+    path = written(tmp_path, "robot: hopper\neffects:\n  - {effect: delay, target: leg_joint, seconds: 8e-3}\n")
+    assert read_task(path).effects == (Delay("leg_joint", 0.008),)
+
+
 def test_the_ten_lines_of_the_documentation(folder: Path) -> None:
     path = written(
         folder,
