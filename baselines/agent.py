@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
@@ -32,14 +33,15 @@ class AgentSettings(PPOSettings):
     """Hyperparameters of an agent that learns by PPO, and how its policy is chosen, by returns where it learns and nowhere else.
 
     One run of PPO may end with a gait that stands still or with a bad last batch. So the budget is cut into rounds: agents of the first start from several
-    source policies; the best that came of each of these goes on in the next, with fresh noise and a fresh learning rate, as far as there are finalists. (Where
-    all went on from the one best policy, one seed of five stayed where it stood.) The more agents a round has, the fewer steps has each.
+    source policies; in the next the best that came of each of these goes on, as far as there are finalists, with fresh noise and a fresh learning rate; then
+    half as many origins do, each with more agents (successive halving, Jamieson & Talwalkar 2016). Where all went on from the one best policy at once, one
+    seed of five stayed where it stood. The more agents a round has, the fewer steps has each.
 
     Attributes:
         steps: control steps of a round, which its agents share. With 0 a transfer ends with the grounding: the policy stays the one it starts from.
         rounds: how many follow each other.
         candidates: agents of the first round, which start from source policies number 0, 1, ... of the run.
-        finalists: agents of a later round, each from what came of another agent of the first.
+        finalists: agents of a later round; in the second each comes of another agent of the first.
         checkpoints: how many are compared of an agent in a round, at equal distances, the last at its end.
         episodes: that a comparison plays with each, mean actions, the same ones for all.
     """
@@ -166,7 +168,8 @@ def learn(
             calls = [(turn, number, settings.steps // len(begins), *begin) for number, begin in enumerate(begins)]
             found += crew.side_by_side(place.learn, calls, progress.advance)
             best = _best_of_each(found)
-            begins = [(best[number % len(best)].weights, best[number % len(best)].origin) for number in range(settings.finalists)]
+            kept = best[: max(1, settings.finalists >> turn)]
+            begins = [(one.weights, one.origin) for one in itertools.islice(itertools.cycle(kept), settings.finalists)]
     return replace(best[0], steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
 
 

@@ -87,3 +87,17 @@ def test_the_result_does_not_depend_on_the_number_of_processes(pendulum_policies
 def test_settings_that_make_no_sense_are_one_line(name):
     with pytest.raises(UserError, match="take 1 or more"):
         dataclasses.replace(CHOOSING, **{name: 0})
+
+
+def test_half_as_many_starts_go_on_from_the_third_round_on(pendulum_policies, monkeypatch):
+    begun = []
+
+    class Noted(PPO):
+        def __init__(self, worlds, settings, seed, *, start=None, log_dir=None):
+            begun.append(start)
+            super().__init__(worlds, settings, seed, start=start, log_dir=log_dir)
+
+    monkeypatch.setattr(agent, "PPO", Noted)
+    learn(TASK.source, dataclasses.replace(CHOOSING, rounds=3, checkpoints=1), 0, starts=pendulum_policies.weights)
+    assert begun[3] is not begun[4]
+    assert begun[5] is begun[6]
