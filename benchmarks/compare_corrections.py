@@ -36,11 +36,11 @@ from rich.progress import track
 from rich.table import Table
 from scipy import stats
 
-from mpge_bench.diagnosis.diagnose import diagnose
-from mpge_bench.diagnosis.recording import Recording, find_recordings, read_recording, read_recordings
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.select import Explorer
-from mpge_bench.diagnosis.simulator import simulate
+from mpge_bench.diagnosis.choose.beam import Explorer
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recording, read_recordings
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.pipeline import diagnose
+from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.envs.effects import Effect, Hidden, effect_from_dict
 from mpge_bench.envs.errors import UserError
 

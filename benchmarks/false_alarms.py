@@ -29,10 +29,10 @@ from rich.console import Console
 from rich.progress import track
 from scipy import stats
 
-from mpge_bench.diagnosis.diagnose import diagnose
-from mpge_bench.diagnosis.recording import read_recordings
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.select import SIGNIFICANCE, Explorer
+from mpge_bench.diagnosis.choose.beam import SIGNIFICANCE, Explorer
+from mpge_bench.diagnosis.data.recording import read_recordings
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.pipeline import diagnose
 
 RECORDINGS, SECONDS, PERIOD, TIMESTEP = 4, 8.0, 0.01, 0.001
 

@@ -229,7 +229,7 @@ def diagnose(
     `simulate` and `diagnose` take it.
     """
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.diagnosis.diagnose import diagnose_files
+    from mpge_bench.diagnosis.pipeline import diagnose_files
 
     with ConsoleProgress() as progress:
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
@@ -266,9 +266,9 @@ def record(
     that the task ends early (the robot fell) is recorded as far as it went.
     Beside them OUT/rig.yaml and the robot's model file say what the simulator believes, where `diagnose` can take the robot: a fixed base, no ground.
     """
+    from mpge_bench import record as recorder
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.diagnosis import record as recorder
-    from mpge_bench.diagnosis.recording import FEWEST_ROWS, SHORTEST
+    from mpge_bench.diagnosis.data.recording import FEWEST_ROWS, SHORTEST
     from mpge_bench.policies import home
 
     settings = recorder.RecordSettings(task, source, episodes, policy, seed, seconds, noise_q, noise_dq, format)
@@ -307,9 +307,9 @@ def simulate(
     import numpy as np
     import pandas as pd
 
-    from mpge_bench.diagnosis.recording import read_recording, write_table
-    from mpge_bench.diagnosis.rig import read_rig
-    from mpge_bench.diagnosis.simulator import simulate as predict
+    from mpge_bench.diagnosis.data.recording import read_recording, write_table
+    from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.diagnosis.predict.bullet import simulate as predict
 
     believed = read_rig(rig)
     real = read_recording(recording, believed)

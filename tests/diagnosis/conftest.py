@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig, read_rig
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.motion import differentiate
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.data.motion import differentiate
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
 
 Array = npt.NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from mpge_bench.diagnosis.evidence import Evidence, JointEvidence, Law, Trajectory
+from mpge_bench.diagnosis.verdict.result import Evidence, JointEvidence, Law, Trajectory
 from mpge_bench.envs.effects import CATALOGUE
 
 Array = npt.NDArray[np.float64]
@@ -111,7 +111,7 @@ def report_html(diagnosis: Mapping[str, Any], evidence: Evidence) -> str:
             if (plot := _law_plot(law, evidence.laws, joints, fitted.get((law.effect, law.joint), ""), f"l{place}-")) is not None
         ]
         trajectories = [_trajectory_plot(one, f"t{place}-") for place, one in enumerate(evidence.trajectories[:TRAJECTORIES]) if len(one.time) > 1]
-    template = resources.files(__package__ or "mpge_bench.diagnosis").joinpath("report.html.j2").read_text(encoding="utf-8")
+    template = resources.files("mpge_bench.diagnosis.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     # Everything is escaped unless it is Markup; what the template asks for and does not get is an error.
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     return environment.from_string(template).render(

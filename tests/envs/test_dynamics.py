@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mpge_bench.diagnosis.dynamics import Tree, body_parameters
+from mpge_bench.envs.dynamics import Tree, body_parameters
 from mpge_bench.envs.effects import Armature, ComOffset, ExternalForce, Gravity, InertiaScale, MassScale, Payload
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World

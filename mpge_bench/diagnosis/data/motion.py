@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import savgol_filter
 
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.envs.effects import Scale
 
 Array = npt.NDArray[np.float64]

@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
-from mpge_bench.diagnosis.dynamics import Tree, body_parameters
-from mpge_bench.diagnosis.motion import WARM_UP, Motion, between
-from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.data.motion import WARM_UP, Motion, between
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.envs.dynamics import Tree, body_parameters
 from mpge_bench.envs.effects import Armature, Delay, Effect, Hidden, PositionServo
 
 Array = npt.NDArray[np.float64]

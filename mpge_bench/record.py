@@ -16,8 +16,8 @@ import yaml
 
 from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.progress import Progress, Silent
-from mpge_bench.diagnosis.recording import write_table
-from mpge_bench.diagnosis.rig import Rig, read_rig
+from mpge_bench.diagnosis.data.recording import write_table
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.envs import RobotEnv, Task, get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.physics import Physics

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.simulator import Predictor, simulate
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.predict.bullet import Predictor, simulate
 from mpge_bench.envs.effects import (
     Armature,
     Backlash,
@@ -35,7 +35,7 @@ from mpge_bench.envs.effects import (
 )
 from mpge_bench.envs.errors import UserError
 
-from .conftest import record, write_rig
+from ..conftest import record, write_rig
 
 Array = npt.NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from mpge_bench.diagnosis.dynamics import Tree
-from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.envs.dynamics import Tree
 from mpge_bench.envs.effects import PositionServo
 from mpge_bench.envs.errors import UserError, one_line
 
@@ -182,7 +182,7 @@ def _over_velocity(recording: Recording, column: int) -> float:
 
 def _too_fast(recording: Recording, rig: Rig, column: int) -> bool:
     """Whether the motion lacks torques beside what commands and gravity can do, but hardly any if its angles are turned from degrees into radians."""
-    from mpge_bench.diagnosis.motion import differentiate
+    from mpge_bench.diagnosis.data.motion import differentiate
 
     motion = np.stack(differentiate(recording), 1)
     turned = np.where([rig.model.is_prismatic(joint) for joint in rig.joints], 1.0, np.pi / 180) * motion

@@ -10,11 +10,11 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, read_rig, with_parameters
+from mpge_bench.diagnosis.data.rig import Rig, bounds_of, candidate_targets, parameters_of, read_rig, with_parameters
 from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, DcMotor, Effect, JointSpring, PositionServo, TorqueGain, UnknownTorque, ViscousFriction
 from mpge_bench.envs.errors import UserError
 
-from .conftest import ARM, write_rig
+from ..conftest import ARM, write_rig
 
 TORQUE = {"mode": "torque"}
 

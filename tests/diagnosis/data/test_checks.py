@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.agreement import trusted
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.simulator import simulate
+from mpge_bench.diagnosis.data.checks import trusted
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.predict.bullet import simulate
 
-from .conftest import record, write_rig
+from ..conftest import record, write_rig
 
 
 @pytest.fixture

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.linear import Linear, Search, Windows, windows_of
-from mpge_bench.diagnosis.motion import scales
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.reference import asked_torque, prepare, rebase, resolution
-from mpge_bench.diagnosis.rig import Rig, neutrals_of, parameters_of
-from mpge_bench.diagnosis.search import (
+from mpge_bench.diagnosis.data.motion import scales
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, neutrals_of, parameters_of
+from mpge_bench.diagnosis.fit.linear import (
     Candidate,
     Fitted,
     Fitter,
@@ -33,7 +31,9 @@ from mpge_bench.diagnosis.search import (
     sizes_of,
     values_of,
 )
-from mpge_bench.diagnosis.simulator import Predictor
+from mpge_bench.diagnosis.predict.bullet import Predictor
+from mpge_bench.diagnosis.predict.linearize import Linear, Search, Windows, windows_of
+from mpge_bench.diagnosis.predict.smooth import asked_torque, prepare, rebase, resolution
 from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque, effect_from_dict
 from mpge_bench.envs.errors import UserError
 

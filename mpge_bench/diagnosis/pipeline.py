@@ -16,17 +16,17 @@ import numpy.typing as npt
 import yaml
 from scipy import stats
 
-from mpge_bench.diagnosis.agreement import trusted
-from mpge_bench.diagnosis.evidence import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
-from mpge_bench.diagnosis.linear import drive
-from mpge_bench.diagnosis.recording import Recording, find_recordings, read_recordings
-from mpge_bench.diagnosis.reference import rebase, resolution
-from mpge_bench.diagnosis.report import report_html
-from mpge_bench.diagnosis.rig import Rig, parameters_of, read_rig
-from mpge_bench.diagnosis.search import label, signal_of
-from mpge_bench.diagnosis.select import MATERIAL, SIGNIFICANCE, Explorer, Found
-from mpge_bench.diagnosis.simulator import simulate
-from mpge_bench.diagnosis.words import experiment, sentence
+from mpge_bench.diagnosis.choose.beam import MATERIAL, SIGNIFICANCE, Explorer, Found
+from mpge_bench.diagnosis.data.checks import trusted
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recordings
+from mpge_bench.diagnosis.data.rig import Rig, parameters_of, read_rig
+from mpge_bench.diagnosis.fit.linear import label, signal_of
+from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.linearize import drive
+from mpge_bench.diagnosis.predict.smooth import rebase, resolution
+from mpge_bench.diagnosis.report.page import report_html
+from mpge_bench.diagnosis.report.words import experiment, sentence
+from mpge_bench.diagnosis.verdict.result import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
 Array = npt.NDArray[np.float64]

@@ -13,12 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from mpge_bench.diagnosis.recording import Recording, find_recordings, read_recording, read_recordings, write_table
-from mpge_bench.diagnosis.rig import Rig, read_rig
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recording, read_recordings, write_table
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.envs.effects import ViscousFriction
 from mpge_bench.envs.errors import UserError
 
-from .conftest import ARM, record, table, write_rig
+from ..conftest import ARM, record, table, write_rig
 
 FORMATS = ("csv", "parquet")
 

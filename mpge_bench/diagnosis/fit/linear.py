@@ -11,8 +11,8 @@ import numpy.typing as npt
 from scipy import stats
 from scipy.optimize import least_squares, lsq_linear
 
-from mpge_bench.diagnosis.linear import Search
-from mpge_bench.diagnosis.rig import Rig, bounds_of, candidate_targets, parameters_of, steps_of, with_parameters
+from mpge_bench.diagnosis.data.rig import Rig, bounds_of, candidate_targets, parameters_of, steps_of, with_parameters
+from mpge_bench.diagnosis.predict.linearize import Search
 from mpge_bench.envs.effects import CATALOGUE, Armature, Effect, Scale, UnknownTorque, ViscousFriction
 
 Array = npt.NDArray[np.float64]

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.linear import Linear
-from mpge_bench.diagnosis.motion import Motion, motion_of
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.data.motion import Motion, motion_of
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.linearize import Linear
 from mpge_bench.envs.effects import Effect, SensorBias, SensorDelay, SensorScale
 
 Array = npt.NDArray[np.float64]

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from mpge_bench.diagnosis.agreement import trusted
-from mpge_bench.diagnosis.motion import WARM_UP, differentiate
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig
+from mpge_bench.diagnosis.data.checks import trusted
+from mpge_bench.diagnosis.data.motion import WARM_UP, differentiate
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.envs.effects import Effect, SensorBias, SensorDelay, SensorScale
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.world import World

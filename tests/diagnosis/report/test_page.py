@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from mpge_bench.diagnosis.evidence import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
-from mpge_bench.diagnosis.report import number, report_html
+from mpge_bench.diagnosis.report.page import number, report_html
+from mpge_bench.diagnosis.verdict.result import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
 

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from mpge_bench.diagnosis.linear import Linear, Search, drive, windows_of
-from mpge_bench.diagnosis.motion import Motion, motion_of
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig
-from mpge_bench.diagnosis.simulator import Predictor
+from mpge_bench.diagnosis.data.motion import Motion, motion_of
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.bullet import Predictor
+from mpge_bench.diagnosis.predict.linearize import Linear, Search, drive, windows_of
 from mpge_bench.envs.effects import (
     AirDrag,
     Armature,
@@ -41,7 +41,7 @@ from mpge_bench.envs.effects import (
 )
 from mpge_bench.envs.world import World
 
-from .conftest import record
+from ..conftest import record
 
 Array = npt.NDArray[np.float64]
 

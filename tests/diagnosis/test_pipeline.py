@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import yaml
 
-from mpge_bench.diagnosis.diagnose import diagnose, diagnose_files
-from mpge_bench.diagnosis.recording import read_recordings
-from mpge_bench.diagnosis.rig import read_rig
+from mpge_bench.diagnosis.data.recording import read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
 from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, TorqueGain, TorqueLimit, UnknownTorque
 
 from ..conftest import PATIENCE

@@ -17,12 +17,12 @@ import pytest
 import yaml
 
 from mpge_bench import cli
-from mpge_bench.diagnosis.record import RecordSettings, random_actions, record
-from mpge_bench.diagnosis.recording import read_recording
-from mpge_bench.diagnosis.rig import read_rig
-from mpge_bench.diagnosis.simulator import simulate
+from mpge_bench.diagnosis.data.recording import read_recording
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.envs import ROBOTS, get_task
 from mpge_bench.envs.errors import UserError
+from mpge_bench.record import RecordSettings, random_actions, record
 
 from ..conftest import PATIENCE
 
