@@ -19,7 +19,7 @@ from scipy import stats
 from mpge_bench.diagnosis.choose.beam import MATERIAL, SIGNIFICANCE, Explorer, Found
 from mpge_bench.diagnosis.data.checks import trusted
 from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recordings
-from mpge_bench.diagnosis.data.rig import Rig, parameters_of, read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import label, signal_of
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.diagnosis.predict.linearize import drive
@@ -28,6 +28,7 @@ from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.report.words import experiment, sentence
 from mpge_bench.diagnosis.verdict.result import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
 from mpge_bench.envs.effects import Effect, UnknownTorque
+from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.motion import scales
 from mpge_bench.diagnosis.data.recording import Recording
-from mpge_bench.diagnosis.data.rig import Rig, neutrals_of, parameters_of
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import (
     Candidate,
     Fitted,
@@ -24,17 +24,14 @@ from mpge_bench.diagnosis.fit.linear import (
     candidates,
     carrier,
     label,
-    limits_of,
-    rebuild,
     screen,
     signal_of,
-    sizes_of,
-    values_of,
 )
 from mpge_bench.diagnosis.predict.bullet import Predictor
 from mpge_bench.diagnosis.predict.linearize import Linear, Search, Windows, windows_of
 from mpge_bench.diagnosis.predict.smooth import asked_torque, prepare, rebase, resolution
 from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque, effect_from_dict
+from mpge_bench.envs.effects.vector import limits_of, neutrals_of, parameters_of, rebuild, sizes_of, values_of
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -18,9 +17,7 @@ from mpge_bench.envs.effects import (
     CoulombFriction,
     Effect,
     JointSpring,
-    Parameter,
     PositionServo,
-    UnknownTorque,
     ViscousFriction,
     effect_from_dict,
 )
@@ -93,8 +90,8 @@ class Rig:
 
     def rotors(self, effects: Sequence[Effect] = ()) -> list[float]:
         """Inertia, kg m², that the rig's own and further `effects` add to each joint's own."""
-        armatures = [effect for effect in self.chain(effects) if isinstance(effect, Armature)]
-        return [sum(effect.inertia for effect in armatures if effect.target == joint) for joint in self.joints]
+        rotors = [effect for effect in self.chain(effects) if effect.rotor_inertia]
+        return [sum(effect.rotor_inertia for effect in rotors if effect.target == joint) for joint in self.joints]
 
     def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
         """The rig's YAML content with `effects` added to its own, and `robot` as the path of the model."""
@@ -208,53 +205,6 @@ def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
     if kind.on == "link":
         return rig.model.moving_links()
     return rig.driven if kind.needs_motor else rig.joints
-
-
-def with_parameters(effect: Effect, values: Sequence[float]) -> Effect:
-    """`effect` with its numeric parameters replaced by `values`, vectors flattened, each clipped to its bounds."""
-    changes: dict[str, Any] = {}
-    left = list(values)
-    for name, parameter in _fitted(effect):
-        size = _size(effect, name)
-        taken = [min(max(float(value), parameter.low), parameter.high) for value in left[:size]]
-        left = left[size:]
-        changes[name] = taken[0] if parameter.size == 1 else tuple(taken)
-    return dataclasses.replace(effect, **changes)
-
-
-def parameters_of(effect: Effect) -> list[float]:
-    """The numeric parameters of `effect`, vectors flattened."""
-    found: list[float] = []
-    for name, _ in _fitted(effect):
-        value = getattr(effect, name)
-        found.extend(value if isinstance(value, tuple) else [value])
-    return [float(value) for value in found]
-
-
-def bounds_of(effect: Effect) -> tuple[list[float], list[float]]:
-    """Lower and upper bounds of `parameters_of(effect)`."""
-    sizes = [(parameter, _size(effect, name)) for name, parameter in _fitted(effect)]
-    return [p.low for p, size in sizes for _ in range(size)], [p.high for p, size in sizes for _ in range(size)]
-
-
-def neutrals_of(effect: Effect) -> list[float]:
-    """The values of `parameters_of(effect)` at which it vanishes."""
-    return [parameter.neutral for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
-
-
-def steps_of(effect: Effect) -> list[float]:
-    """Shares of their size by which `parameters_of(effect)` are moved to see what depends on them."""
-    return [parameter.step for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
-
-
-def _fitted(effect: Effect) -> list[tuple[str, Parameter]]:
-    """The parameters that a fit may change: none of a nameless curve, which is solved for."""
-    return [] if isinstance(effect, UnknownTorque) else list(effect.parameters.items())
-
-
-def _size(effect: Effect, name: str) -> int:
-    value = getattr(effect, name)
-    return len(value) if isinstance(value, tuple) else 1
 
 
 def _is_number(value: Any) -> bool:

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from scipy import stats
 from scipy.optimize import least_squares, lsq_linear
 
-from mpge_bench.diagnosis.data.rig import Rig, bounds_of, candidate_targets, parameters_of, steps_of, with_parameters
+from mpge_bench.diagnosis.data.rig import Rig, candidate_targets
 from mpge_bench.diagnosis.predict.linearize import Search
 from mpge_bench.envs.effects import CATALOGUE, Armature, Effect, Scale, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
 
 Array = npt.NDArray[np.float64]
 
@@ -62,17 +63,6 @@ def signal_of(effect: Effect) -> str:
     if isinstance(effect, UnknownTorque):
         return effect.signal
     return "command" if effect.maps_command else "q" if effect.name == "joint_spring" else "dq"
-
-
-def values_of(effects: Sequence[Effect]) -> Array:
-    """All parameters of `effects`, one after another."""
-    return np.array([value for effect in effects for value in parameters_of(effect)])
-
-
-def limits_of(effects: Sequence[Effect]) -> tuple[Array, Array]:
-    """Lower and upper bounds of `values_of`."""
-    low, high = (np.array([value for effect in effects for value in bounds_of(effect)[side]]) for side in (0, 1))
-    return low, high
 
 
 @dataclass(frozen=True)
@@ -250,26 +240,6 @@ class Fitter:
                 if self.level(other.cost) < self.level(best.cost):
                     best = self.fit(other.effects)
         return best
-
-
-def sizes_of(effects: Sequence[Effect]) -> Array:
-    """Typical size of each parameter, for a well-scaled fit."""
-    found: list[float] = []
-    for effect in effects:
-        values = np.abs(parameters_of(effect))
-        largest = values.max() if len(values) else 1.0
-        found.extend(np.where(values > 0, values, largest if largest > 0 else 1.0))
-    return np.array(found)
-
-
-def rebuild(effects: Sequence[Effect], values: Array) -> list[Effect]:
-    """`effects` with all their parameters replaced by `values`, one after another."""
-    result, at = [], 0
-    for effect in effects:
-        count = len(parameters_of(effect))
-        result.append(with_parameters(effect, values[at : at + count].tolist()))
-        at += count
-    return result
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mpge_bench.diagnosis.data.rig import Rig, bounds_of, candidate_targets, parameters_of, read_rig, with_parameters
+from mpge_bench.diagnosis.data.rig import Rig, candidate_targets, read_rig
 from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, DcMotor, Effect, JointSpring, PositionServo, TorqueGain, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
 from mpge_bench.envs.errors import UserError
 
 from ..conftest import ARM, write_rig

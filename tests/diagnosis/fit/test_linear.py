@@ -10,12 +10,13 @@ import pytest
 
 from mpge_bench.diagnosis.data.motion import scales
 from mpge_bench.diagnosis.data.recording import read_recordings
-from mpge_bench.diagnosis.data.rig import Rig, parameters_of, read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Candidate, Fitter, candidates, screen
 from mpge_bench.diagnosis.predict.linearize import Search, windows_of
 from mpge_bench.diagnosis.predict.smooth import asked_torque, prepare
 from mpge_bench.diagnosis.report.words import SENTENCES, sentence
 from mpge_bench.envs.effects import CATALOGUE, Backlash, Delay, Effect, TorqueBias, TorqueGain, TorqueLimit, ViscousFriction
+from mpge_bench.envs.effects.vector import parameters_of
 
 from ..test_pipeline import write_case
 
