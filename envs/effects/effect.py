@@ -180,6 +180,9 @@ class Effect:
             hidden: what the effect remembers; its own, and kept from physics step to physics step.
         """
 
+    def unsense(self, q: npt.NDArray[np.float64], dq: npt.NDArray[np.float64], joint: int) -> None:
+        """Undo in place what `sense` does to single readings; what is late (`looks_back`) it leaves late. Arguments are shaped (..., joints)."""
+
     def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
         """Largest torque, N m, with which dry friction opposes the motion of the joint now; None if the effect is no dry friction."""
         return None
@@ -205,6 +208,11 @@ class Effect:
         return type(self).friction is not Effect.friction
 
     @property
+    def alters_model(self) -> bool:
+        """Whether it changes bodies, rotors, gravity or constant forces: what `install` is for."""
+        return type(self).install is not Effect.install
+
+    @property
     def rotor_inertia(self) -> float:
         """What it adds to its joint's own inertia and to no other entry of the mass matrix, kg m²."""
         return 0.0
@@ -215,9 +223,9 @@ class Effect:
         return 0.0
 
     @property
-    def looks_back(self) -> float:
-        """How old what it makes the sensors read is, s."""
-        return 0.0
+    def looks_back(self) -> float | None:
+        """How old what it makes the sensors read is, s; None where that is no part of its law."""
+        return None
 
     def is_stepwise(self, timestep: float) -> bool:
         """Whether its torques along a given motion must be worked out one after another, at physics steps of `timestep` s."""

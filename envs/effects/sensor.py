@@ -28,6 +28,9 @@ class SensorBias(Effect):
     def sense(self, q: Array, dq: Array, joint: int, timestep: float) -> None:
         q[..., joint] += self.offset
 
+    def unsense(self, q: Array, dq: Array, joint: int) -> None:
+        q[..., joint] -= self.offset
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"offset": 0.02}]
@@ -49,6 +52,10 @@ class SensorScale(Effect):
         q[..., joint] *= self.gain
         dq[..., joint] *= self.gain
 
+    def unsense(self, q: Array, dq: Array, joint: int) -> None:
+        q[..., joint] /= self.gain
+        dq[..., joint] /= self.gain
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"gain": 1.03}]
@@ -67,7 +74,7 @@ class SensorDelay(Effect):
     place = 100
 
     @property
-    def looks_back(self) -> float:
+    def looks_back(self) -> float | None:
         return self.seconds
 
     def sense(self, q: Array, dq: Array, joint: int, timestep: float) -> None:

@@ -5,49 +5,20 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from mpge_bench.diagnosis.data.recording import read_recordings
+from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
-from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, TorqueGain, TorqueLimit, UnknownTorque
+from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, TorqueGain, TorqueLimit, UnknownTorque
 
 from ..conftest import PATIENCE
-
-SECONDS, PERIOD = 5.0, 0.01
-PENDULUM = (
-    '<robot name="rig"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.25"/><mass value="1"/>'
-    '<inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hinge" type="continuous">'
-    '<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><dynamics damping="0.02"/></joint></robot>'
-)
-
-
-def write_case(
-    folder: Path, effects: Sequence[Effect] = (), *, recordings: int = 4, noise: float = 5e-4, velocities: bool = True, timestep: float = 0.001
-) -> Path:
-    """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "robot.urdf").write_text(PENDULUM)
-    rig_path = folder / "rig.yaml"
-    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": timestep, "record_period": PERIOD, "joints": {"hinge": {"mode": "torque"}}}))
-    rng = np.random.default_rng(1)
-    world = read_rig(rig_path).world(effects, timestep=timestep / 2, substeps=round(2 * PERIOD / timestep))
-    for number in range(recordings):
-        parts = [(rng.uniform(0.3, 1.0), rng.uniform(0.3, 2.0), rng.uniform(0, 6)) for _ in range(3)]
-        world.set_state([rng.uniform(-0.5, 0.5)], [0.0])
-        rows = []
-        for row in range(round(SECONDS / PERIOD)):
-            u = sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
-            rows.append([row * PERIOD, u, world.q[0] + noise * rng.standard_normal(), world.dq[0] + 10 * noise * rng.standard_normal()])
-            world.step([u])
-        columns = ["time", "u_hinge", "q_hinge", "dq_hinge"][: 4 if velocities else 3]
-        np.savetxt(folder / f"train_{number}.csv", np.array(rows)[:, : len(columns)], delimiter=",", header=",".join(columns), comments="")
-    return rig_path
+from .conftest import write_case
 
 
 def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:

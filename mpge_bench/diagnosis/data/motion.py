@@ -11,14 +11,10 @@ from scipy.signal import savgol_filter
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.effects import Scale
+from mpge_bench.diagnosis.settings import DEFAULT, DataSettings, DiagnosisSettings
+from mpge_bench.envs.layout import Layout
 
 Array = npt.NDArray[np.float64]
-
-#: Rows are thinned out to this interval, s, at least: more rows of a slow mechanism cost time and tell nothing new.
-ROW_PERIOD = 0.005
-#: Length of what hidden states are warmed up on before a window, s.
-WARM_UP = 0.4
 
 
 @dataclass(frozen=True)
@@ -37,6 +33,7 @@ class Motion:
         step: physics step that divides the rows' interval into m, s.
         sigma: noise of each channel, shape (2 j,).
         spread: standard deviation of the reference's dq, shape (j,).
+        settings: of the whole diagnosis.
     """
 
     recordings: Sequence[Recording]
@@ -49,10 +46,21 @@ class Motion:
     step: float
     sigma: Array
     spread: Array
+    settings: DiagnosisSettings
 
     @property
     def joints(self) -> int:
         return int(self.u.shape[-1])
+
+    @property
+    def layout(self) -> Layout:
+        """Where q and dq stand in states and in changes of states."""
+        return Layout(self.joints)
+
+    @property
+    def period(self) -> float:
+        """What a row's physics steps take, s."""
+        return self.step * self.u.shape[2]
 
     def fine(self) -> tuple[Array, Array]:
         """Reference q and dq at the physics steps, shape (r, k, m, j): the cubic through both ends of each interval."""
@@ -78,23 +86,23 @@ def between(state: Array, following: Array, interval: Array, count: int) -> tupl
         state, following: q and dq, shape (..., 2 joints).
         interval: between them, s, shape (...); where it is 0 the state stays.
     """
-    n = state.shape[-1] // 2
+    layout = Layout(state.shape[-1] // 2)
     h = interval[..., None, None]
     moves = h > 0
-    q, dq = state[..., None, :n], state[..., None, n:]
+    q, dq = layout.q(state)[..., None, :], layout.dq(state)[..., None, :]
     a = dq * h
-    shift = np.where(moves, following[..., None, :n] - q, 0.0)
-    b = np.where(moves, following[..., None, n:] * h, a)
+    shift = np.where(moves, layout.q(following)[..., None, :] - q, 0.0)
+    b = np.where(moves, layout.dq(following)[..., None, :] * h, a)
     x = (np.arange(count) / count)[:, None]
     bend, curl = 3 * shift - 2 * a - b, a + b - 2 * shift
     speed = np.where(moves, (a + x * (2 * bend + 3 * x * curl)) / np.where(moves, h, 1.0), dq)
     return q + x * (a + x * (bend + x * curl)), speed
 
 
-def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
+def motion_of(recordings: Sequence[Recording], rig: Rig, settings: DiagnosisSettings = DEFAULT) -> Motion:
     """The recordings with a first, model-free reference motion and an estimate of the sensors' noise."""
     period = float(np.median(np.concatenate([np.diff(recording.time) for recording in recordings])))
-    stride = max(1, round(ROW_PERIOD / period))
+    stride = max(1, round(settings.data.row_period / period))
     count = max(1, round(stride * period / rig.timestep))
     kept = [np.arange(0, len(recording.time), stride) for recording in recordings]
     rows = np.array([len(index) for index in kept])
@@ -110,7 +118,7 @@ def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
         middle = at[:, None] + (ends - at)[:, None] * (np.arange(count) + 0.5) / count
         row = np.clip(np.searchsorted(recording.time, middle.ravel(), side="right") - 1, 0, len(recording.time) - 1)
         u.append(fill(recording.u[row].reshape(len(at), count, -1)))
-        q, dq, _ = differentiate(recording)
+        q, dq, _ = differentiate(recording, settings.data)
         state.append(fill(np.concatenate((q, dq), 1)[index]))
         measured.append(fill(np.concatenate((recording.q, recording.dq), 1)[index]))
         time.append(fill(at))
@@ -125,14 +133,15 @@ def motion_of(recordings: Sequence[Recording], rig: Rig) -> Motion:
         stride * period / count,
         np.ones(2 * len(rig.joints)),
         np.zeros(len(rig.joints)),
+        settings,
     )
 
 
-def differentiate(recording: Recording) -> tuple[Array, Array, Array]:
+def differentiate(recording: Recording, settings: DataSettings = DEFAULT.data) -> tuple[Array, Array, Array]:
     """Smoothed q, dq and ddq of a recording, shape (rows, joints), from local cubics over about 70 ms (velocities are used where measured)."""
     period = float(np.median(np.diff(recording.time)))
     even = np.arange(recording.time[0], recording.time[-1] + period / 2, period)
-    window = int(min(max(5, 2 * round(0.035 / period) + 1), 2 * ((len(even) - 1) // 2) - 1))
+    window = int(min(max(5, 2 * round(settings.smoothing / period) + 1), 2 * ((len(even) - 1) // 2) - 1))
     found = []
     for joint in range(recording.q.shape[1]):
         position = np.interp(even, recording.time, recording.q[:, joint])
@@ -147,35 +156,17 @@ def differentiate(recording: Recording) -> tuple[Array, Array, Array]:
     return q, dq, ddq
 
 
-def scales(motion: Motion, rig: Rig, inertia: Array, torque: Array) -> dict[str, Scale]:
-    """How large things are at each joint.
-
-    Args:
-        inertia: mean diagonal of the mass matrix, shape (joints,).
-        torque: root mean square of the torques the motion asks for, shape (joints,).
-    """
-    n = motion.joints
-    valid = motion.valid()
-    q, dq = motion.state[valid][:, :n], motion.state[valid][:, n:]
-    u = motion.u[valid]
-    found = {}
-    for column, joint in enumerate(rig.joints):
-        command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
-        links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
-        mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
-        length = max(float(np.linalg.norm(centre)), 0.02)
-        # A root mean square over a still joint would be 0 and its curves would have no width.
-        size = max(float(np.sqrt(np.mean(command**2))), float(torque[column]), 1e-6)
-        found[joint] = Scale(
-            torque=size,
-            limit=max(float(np.abs(command).max()), float(torque[column]), 1e-6),
-            speed=max(float(np.sqrt(np.mean(dq[:, column] ** 2))), 1e-3),
-            top_speed=max(float(np.abs(dq[:, column]).max()), 1e-3),
-            angle=max(float(np.std(q[:, column])), 1e-3),
-            inertia=float(inertia[column]),
-            mass=mass,
-            length=length,
-            period=float(np.median(np.diff(motion.time[0, : motion.rows[0]]))),
-            gravity=rig.gravity,
-        )
+def resolution(motion: Motion) -> Array:
+    """Step of each channel's encoder, shape (2 j,); 0 where none shows."""
+    settings = motion.settings.data
+    found = np.zeros(motion.measured.shape[-1])
+    for channel in range(len(found)):
+        values = np.concatenate([measured[:rows, channel] for measured, rows in zip(motion.measured, motion.rows, strict=True)])
+        values = np.unique(values[np.isfinite(values)])
+        if len(values) < 3:
+            continue
+        steps = np.diff(values)
+        steps = steps[steps > 1e-9]
+        if len(steps) and len(values) < settings.encoder_share * motion.rows.sum():
+            found[channel] = float(np.percentile(steps, settings.encoder_percentile))
     return found

@@ -12,7 +12,6 @@ from typing import Any
 import yaml
 
 from mpge_bench.envs.effects import (
-    CATALOGUE,
     Armature,
     CoulombFriction,
     Effect,
@@ -22,6 +21,7 @@ from mpge_bench.envs.effects import (
     effect_from_dict,
 )
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.world import World
 
@@ -34,6 +34,15 @@ class _Loader(yaml.SafeLoader):
 
 _Loader.add_implicit_resolver("tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789"))
 _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units at one joint, by its kind."""
+
+    force: str
+    position: str
+    velocity: str
 
 
 @dataclass(frozen=True)
@@ -93,6 +102,19 @@ class Rig:
         rotors = [effect for effect in self.chain(effects) if effect.rotor_inertia]
         return [sum(effect.rotor_inertia for effect in rotors if effect.target == joint) for joint in self.joints]
 
+    def servo(self, joint: str) -> PositionServo | None:
+        """The servo of a joint in position mode."""
+        return next((effect for effect in self.nominal if isinstance(effect, PositionServo) and effect.target == joint), None)
+
+    @property
+    def layout(self) -> Layout:
+        """Where the joints stand in q and dq."""
+        return Layout(len(self.joints))
+
+    def units(self, joint: str) -> Units:
+        """What is measured at `joint`."""
+        return Units("N", "m", "m/s") if self.model.is_prismatic(joint) else Units("N m", "rad", "rad/s")
+
     def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
         """The rig's YAML content with `effects` added to its own, and `robot` as the path of the model."""
         return {**self.data, "robot": robot, "effects": [*(self.data.get("effects") or []), *(effect.to_dict() for effect in effects)]}
@@ -104,6 +126,44 @@ def read_rig(path: Path) -> Rig:
     Raises:
         UserError: if the file cannot be read, a key is missing, unknown or of the wrong kind, or a joint is not in the model.
     """
+    data = _mapping(path)
+    timestep = _number(path, data, "timestep", 0.001)
+    period = _number(path, data, "record_period", 0.01)
+    gravity, noise = _gravity(path, data), _noise(path, data)
+    if not isinstance(data["robot"], str):
+        raise UserError(f"{path}: robot is {data['robot']!r}; give the path of a URDF or MJCF file")
+    model = Model(path.parent / data["robot"])
+    model.strip_geometry()
+    joints = data["joints"]
+    _check_joints(path, joints, model)
+    nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
+    nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
+    model.springs, model.armature = {}, {}
+    for joint, settings in joints.items():
+        _check_mode(path, joint, settings)
+    nominal += _motors_and_losses(path, joints, model)
+    nominal += _listed(path, data)
+    rig = Rig(
+        path,
+        model,
+        tuple(joint for joint in model.joints if joint in joints),
+        {joint: joints[joint]["mode"] for joint in joints},
+        timestep,
+        period,
+        gravity,
+        noise,
+        tuple(nominal),
+        data,
+    )
+    try:
+        rig.world()
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    return rig
+
+
+def _mapping(path: Path) -> dict[str, Any]:
+    """The file's content, with the keys of a rig that can be diagnosed."""
     try:
         data = yaml.load(path.read_text("utf-8"), _Loader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -120,19 +180,25 @@ def read_rig(path: Path) -> Rig:
         raise UserError(f"{path}: base is {data['base']!r}; only mechanisms on a fixed base can be diagnosed so far")
     if data.get("ground") is not None:
         raise UserError(f"{path}: ground is given, but only mechanisms that touch nothing can be diagnosed so far; take it out if they do")
-    timestep = _number(path, data, "timestep", 0.001)
-    period = _number(path, data, "record_period", 0.01)
+    return data
+
+
+def _gravity(path: Path, data: Mapping[str, Any]) -> tuple[float, float, float]:
     gravity = data.get("gravity", [0.0, 0.0, -9.81])
     if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
         raise UserError(f"{path}: gravity is {gravity!r}; give three numbers, m/s²")
+    x, y, z = (float(value) for value in gravity)
+    return x, y, z
+
+
+def _noise(path: Path, data: Mapping[str, Any]) -> dict[str, float]:
     noise = data.get("noise") or {}
     if not isinstance(noise, dict) or not set(noise) <= {"q", "dq"} or not all(_is_number(value) and value > 0 for value in noise.values()):
         raise UserError(f"{path}: noise is {noise!r}; give positive numbers q (rad) and dq (rad/s)")
-    if not isinstance(data["robot"], str):
-        raise UserError(f"{path}: robot is {data['robot']!r}; give the path of a URDF or MJCF file")
-    model = Model(path.parent / data["robot"])
-    model.strip_geometry()
-    joints = data["joints"]
+    return noise
+
+
+def _check_joints(path: Path, joints: Any, model: Model) -> None:
     if not isinstance(joints, dict) or not joints:
         raise UserError(f"{path}: joints is {joints!r}; give each recorded joint and its mode, such as elbow: {{mode: torque}}")
     for joint in joints:
@@ -141,70 +207,54 @@ def read_rig(path: Path) -> Rig:
     left = [joint for joint in model.joints if joint not in joints]
     if left:
         raise UserError(f"{path}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
-    nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
-    nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
-    model.springs, model.armature = {}, {}
-    for joint, settings in joints.items():
-        if not isinstance(settings, dict):
-            raise UserError(f"{path}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
-        mode = settings.get("mode")
-        if not isinstance(mode, str) or mode not in _MODES:
-            raise UserError(f"{path}: joint {joint} has mode {mode!r}; choose torque, position or passive")
-        needed, optional = _MODES[mode]
-        given = {str(key) for key in settings} - {"mode"}
-        if not needed <= given <= needed | optional:
-            takes, got = (", ".join(sorted(names)) or "nothing more" for names in (needed | optional, given))
-            raise UserError(f"{path}: joint {joint} in {mode} mode takes {takes}; got {got}")
+
+
+def _check_mode(path: Path, joint: str, settings: Any) -> None:
+    if not isinstance(settings, dict):
+        raise UserError(f"{path}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
+    mode = settings.get("mode")
+    if not isinstance(mode, str) or mode not in _MODES:
+        raise UserError(f"{path}: joint {joint} has mode {mode!r}; choose torque, position or passive")
+    needed, optional = _MODES[mode]
+    given = {str(key) for key in settings} - {"mode"}
+    if not needed <= given <= needed | optional:
+        takes, got = (", ".join(sorted(names)) or "nothing more" for names in (needed | optional, given))
+        raise UserError(f"{path}: joint {joint} in {mode} mode takes {takes}; got {got}")
+
+
+def _motors_and_losses(path: Path, joints: Mapping[str, Any], model: Model) -> list[Effect]:
+    """Servos of the rig's position-controlled joints, and the model's damping and dry friction, which the model then no longer has."""
+    found: list[Effect] = []
     try:
-        nominal += [
+        found += [
             PositionServo(joint, **{key: settings[key] for key in settings if key != "mode"})
             for joint, settings in joints.items()
             if settings["mode"] == "position"
         ]
         for joint, (damping, friction) in model.take_losses().items():
             if damping:
-                nominal.append(ViscousFriction(joint, damping))
+                found.append(ViscousFriction(joint, damping))
             if friction:
-                nominal.append(CoulombFriction(joint, friction))
+                found.append(CoulombFriction(joint, friction))
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     except ValueError as error:
         raise UserError(f"{model.path}: <dynamics> of a joint is not readable ({error}); correct this number") from error
+    return found
+
+
+def _listed(path: Path, data: Mapping[str, Any]) -> list[Effect]:
+    """The rig's own list of effects."""
     listed = data.get("effects") or []
     if not isinstance(listed, list):
         raise UserError(f"{path}: effects is {listed!r}; give a list")
+    found = []
     for index, item in enumerate(listed):
         try:
-            nominal.append(effect_from_dict(item))
+            found.append(effect_from_dict(item))
         except UserError as error:
             raise UserError(f"{path}: effects[{index}]: {error}") from error
-    rig = Rig(
-        path,
-        model,
-        tuple(joint for joint in model.joints if joint in joints),
-        {joint: joints[joint]["mode"] for joint in joints},
-        timestep,
-        period,
-        tuple(float(value) for value in gravity),  # type: ignore[arg-type]
-        noise,
-        tuple(nominal),
-        data,
-    )
-    try:
-        rig.world()
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
-    return rig
-
-
-def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
-    """What effect `name` of the catalogue could act on in `rig`."""
-    kind = CATALOGUE[name]
-    if kind.on == "world":
-        return ("world",)
-    if kind.on == "link":
-        return rig.model.moving_links()
-    return rig.driven if kind.needs_motor else rig.joints
+    return found
 
 
 def _is_number(value: Any) -> bool:

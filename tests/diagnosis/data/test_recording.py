@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recording, read_recordings, write_table
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recording, write_table
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.envs.effects import ViscousFriction
 from mpge_bench.envs.errors import UserError

@@ -10,7 +10,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mpge_bench.diagnosis.data.rig import Rig, candidate_targets, read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.hypotheses.candidates import candidate_targets
 from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, DcMotor, Effect, JointSpring, PositionServo, TorqueGain, UnknownTorque, ViscousFriction
 from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
 from mpge_bench.envs.errors import UserError

@@ -12,7 +12,7 @@ import pytest
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.predict.bullet import Predictor, simulate
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor, simulate
 from mpge_bench.envs.effects import (
     Armature,
     Backlash,
@@ -148,7 +148,7 @@ def test_times_may_begin_anywhere(rig: Rig) -> None:
 )
 def test_what_sensors_do_is_undone_at_the_start_and_done_again(rig: Rig, sensors: Sequence[Effect], within: float) -> None:
     recorded, true = record(rig, sensors), record(rig)
-    predictor = Predictor(rig, sensors)
+    predictor = BulletPredictor(rig, sensors)
     rows = slice(10, 190)
     started = predictor.start(recorded, (recorded.q, recorded.dq))
     assert started[rows] == pytest.approx(np.concatenate((true.q, true.dq), 1)[rows], abs=20 * within)
@@ -161,7 +161,7 @@ def test_what_sensors_do_is_undone_at_the_start_and_done_again(rig: Rig, sensors
 def test_the_end_of_a_late_sensors_recording_goes_on_as_it_went(rig: Rig) -> None:
     late = [SensorDelay("elbow", 0.05)]
     recorded, true = record(rig, late), record(rig)
-    started = Predictor(rig, late).start(recorded, (recorded.q, recorded.dq))
+    started = BulletPredictor(rig, late).start(recorded, (recorded.q, recorded.dq))
     assert np.abs(started[-5:, 1] - true.q[-5:, 1]).max() < 0.7 * np.abs(recorded.q[-5:, 1] - true.q[-5:, 1]).max()
 
 
@@ -227,7 +227,7 @@ def test_a_passive_joints_command_is_ignored(tmp_path: Path) -> None:
 def test_the_predictor_gives_the_rows_asked_for(rig: Rig) -> None:
     recorded = record(rig)
     state = np.concatenate((recorded.q, recorded.dq), 1)
-    predictor = Predictor(rig)
+    predictor = BulletPredictor(rig)
     for rows in ([40, 41], [40, 45, 52, 90], list(range(40, 80, 4))):
         assert predictor.run(recorded, 40, np.array(rows), state[40], state) == pytest.approx(state[rows], abs=1e-9)
 

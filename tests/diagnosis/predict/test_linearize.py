@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,33 +12,29 @@ import pytest
 from mpge_bench.diagnosis.data.motion import Motion, motion_of
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.predict.bullet import Predictor
-from mpge_bench.diagnosis.predict.linearize import Linear, Search, drive, windows_of
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
 from mpge_bench.envs.effects import (
     AirDrag,
     Armature,
-    BackEmfLimit,
     ComOffset,
     Delay,
     Effect,
     ExternalForce,
     Gravity,
     InertiaScale,
-    JointElasticity,
     JointSpring,
     Lag,
     MassScale,
     Payload,
-    PositionServo,
     SensorBias,
     SensorDelay,
     SensorScale,
     TorqueBias,
     TorqueGain,
-    UnknownTorque,
     ViscousFriction,
 )
-from mpge_bench.envs.world import World
 
 from ..conftest import record
 
@@ -59,9 +54,9 @@ class Case:
     def __init__(self, rig: Rig, period: float = 0.005) -> None:
         self.rig, self.recording = rig, record(rig, period=period)
         motion = exact(rig, self.recording)
-        self.linear = Linear(rig, motion)
+        self.linear = LinearisedSimulator(rig, motion)
         windows = windows_of(motion, 0.2)
-        self.search = Search(self.linear, windows, motion.sigma)
+        self.predictor = WindowPredictor(self.linear, windows, motion.sigma)
         self.index = len(windows.start) // 2
         self.rows = windows.start[self.index] + np.arange(windows.length + 1)
         self.state = motion.state[0]
@@ -69,7 +64,7 @@ class Case:
     def moved(self, start: Array | float = 0.0, effects: Sequence[Effect] = ()) -> Array:
         """How PyBullet's prediction changes if it begins `start` off the reference, under `effects`; shape (rows, 2 joints)."""
         first = int(self.rows[0])
-        return Predictor(self.rig, effects).run(self.recording, first, self.rows, self.state[first] + start, self.state) - self.state[self.rows]
+        return BulletPredictor(self.rig, effects).run(self.recording, first, self.rows, self.state[first] + start, self.state) - self.state[self.rows]
 
     def started(self, start: Array) -> Array:
         """What the linearised simulator makes of the same start."""
@@ -80,9 +75,9 @@ class Case:
 
     def changed(self, effects: Sequence[Effect]) -> Array:
         """What it makes of the same effects."""
-        search = self.search
-        forcing = search.torques(effects) - search.delivered + search.bodies.torques(effects)
-        return np.asarray((search.propagate(forcing) + search.sensed(effects))[self.index])
+        predictor = self.predictor
+        forcing = predictor.torques(effects) - predictor.delivered + predictor.bodies.torques(effects)
+        return np.asarray((predictor.propagate(forcing) + predictor.sensed(effects))[self.index])
 
 
 @pytest.fixture(scope="module")
@@ -168,50 +163,11 @@ def test_sensors_read_the_same(case: Case, effects: Sequence[Effect]) -> None:
 
 def test_what_a_start_explains_is_projected_out(case: Case) -> None:
     rng = np.random.default_rng(0)
-    search = case.search
-    error = np.zeros_like(search.state)
+    predictor = case.predictor
+    error = np.zeros_like(predictor.state)
     error[case.index] = case.started(0.01 * rng.standard_normal(4))
-    assert np.abs(search.project(error)).max() < 1e-9
-    assert search.starts(error)[case.index] == pytest.approx(error[case.index, 0], abs=1e-8)
-    once = search.project(error + 1).reshape(error.shape)
-    again = search.project(np.divide(once, search.weight, out=np.zeros_like(once), where=search.weight > 0))
+    assert np.abs(predictor.project(error)).max() < 1e-9
+    assert predictor.starts(error)[case.index] == pytest.approx(error[case.index, 0], abs=1e-8)
+    once = predictor.project(error + 1).reshape(error.shape)
+    again = predictor.project(np.divide(once, predictor.weight, out=np.zeros_like(once), where=predictor.weight > 0))
     assert np.abs(again.reshape(error.shape) - once).max() < 1e-9
-
-
-class Watched(World):
-    """Remembers the torques that reached its joints."""
-
-    def __init__(self, *arguments: Any, **settings: Any) -> None:
-        self.delivered: list[list[float]] = []
-        super().__init__(*arguments, **settings)
-
-    def _advance(self, torque: list[float]) -> None:
-        self.delivered.append(list(torque))
-        super()._advance(torque)
-
-
-@pytest.mark.parametrize(
-    "effects",
-    [
-        (),
-        (Delay("elbow", 0.0125),),
-        (Lag("shoulder", 0.03), Lag("elbow", 0.05), Delay("elbow", 0.02)),
-        (JointElasticity("elbow", 30.0, 0.3, 0.02), TorqueGain("elbow", 0.8)),
-        (PositionServo("elbow", 20.0, 0.5), Delay("elbow", 0.003)),
-        (BackEmfLimit("elbow", 0.5, 5.0), UnknownTorque("shoulder", "q", (-1.0, 1.0), (1.0, -1.0)), AirDrag("elbow", 0.1)),
-    ],
-)
-def test_motors_are_driven_as_the_world_drives_them(rig: Rig, effects: Sequence[Effect]) -> None:
-    commands, chain = record(rig, period=0.001, seconds=1.0), rig.chain(effects)
-    world = Watched(rig.model, timestep=0.001, gravity=rig.gravity, effects=chain)
-    q, dq = commands.q[0], commands.dq[0]
-    world.set_state(q, dq)
-    after = world.roll(commands.u)
-    q, dq = (np.concatenate((first[None], values[:-1])) for first, values in zip((q, dq), after, strict=True))
-    torque = drive([(effect, rig.joints.index(effect.target)) for effect in chain], commands.u.T, q.T, dq.T, 0.001, np.full(2, 1e-9))
-    assert np.abs(torque.T - world.delivered).max() < 1e-12
-    # Many stretches at once are as each alone.
-    both = [np.stack([values.T[:, 300:600], values.T[:, 600:900]], 1) for values in (commands.u, q, dq)]
-    pairs = [(effect, rig.joints.index(effect.target)) for effect in chain]
-    alone = [drive(pairs, *(values[:, one] for values in both), 0.001, np.full(2, 1e-9)) for one in range(2)]
-    assert drive(pairs, *both, 0.001, np.full(2, 1e-9)) == pytest.approx(np.stack(alone, 1), abs=1e-12)

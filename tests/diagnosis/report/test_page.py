@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib import image
 
-from mpge_bench.diagnosis.report.page import number, report_html
-from mpge_bench.diagnosis.verdict.result import Confusion, Detectable, Evidence, JointEvidence, Law, Rival, Trajectory
+from mpge_bench.diagnosis.report.numbers import number
+from mpge_bench.diagnosis.report.page import report_html
+from mpge_bench.diagnosis.verdict.result import (
+    Accuracy,
+    Confusion,
+    Detectable,
+    DiagnosisResult,
+    Errors,
+    Estimate,
+    Evidence,
+    FoundEffect,
+    JointEvidence,
+    Law,
+    Place,
+    Rival,
+    Trajectory,
+)
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
 
@@ -42,70 +59,67 @@ def _trajectory(joint: str, miss: float) -> Trajectory:
     )
 
 
-def _explained(second: str = "shoulder") -> tuple[dict, Evidence]:
+def _explained(second: str = "shoulder") -> DiagnosisResult:
     """Coulomb friction at the elbow of a two-joint arm."""
-    diagnosis = {
-        "schema": "mpge_bench/diagnosis/1",
-        "verdict": "explained",
-        "p_value": 1e-12,
-        "where": [{"kind": "joint", "name": "elbow", "share": 0.93, "regime": "near standstill, |dq| < 0.2 rad/s"}],
-        "effects": [
-            {
-                "effect": "coulomb_friction",
-                "target": "elbow",
-                "confidence": 0.97,
-                "parameters": {"torque": {"value": 0.31042, "low": 0.29113, "high": 0.33021, "unit": "N m"}},
-            }
-        ],
-        "alternatives": [{"effects": ["viscous_friction:elbow"], "held_out_error": 0.052, "log_evidence_behind": 412.0}],
-        "indistinguishable": [["coulomb_friction:elbow", "load_friction:elbow"]],
-        "fit": {
-            "horizon_s": 0.5,
-            "held_out": {"before": 0.121, "after": 0.0112, "noise_floor": 0.0101},
-            "channels": {"q_elbow": {"before": 0.0873, "after": 0.00212, "noise_floor": 0.0019, "unit": "rad"}},
-        },
-    }
     at = np.linspace(-5, 5, 201)
-    evidence = Evidence(
-        summary=("Coulomb friction at the elbow, 0.310 N m, explains what the simulator missed.", "Nothing else of the catalogue comes near."),
-        joints=(_joint(second, 0.07, 0.0, 2), _joint("elbow", 0.93, 0.31, 1)),
-        laws=(Law("coulomb_friction", "elbow", "dq", at, -0.31 * np.tanh(at / 0.05)),),
-        trajectories=(_trajectory("elbow", 1.1), _trajectory(second, 0.08)),
-        rivals=(
-            Rival("stribeck_friction:elbow", "coulomb 0.309, static 0.321 N m, velocity 0.11 rad/s", 0.01119, 1.9),
-            *(
-                Rival(f"{effect}:{joint}", "1.23", 0.052, 100.0 + k)
-                for k, joint in enumerate(("elbow", second))
-                for effect in ("viscous_friction", "lag", "delay", "armature")
-            ),
-            *(Rival(f"payload:link_{k}", "mass 0.21 kg, distance 0.1 m", 0.11, 900.0 + k) for k in range(8)),
+    rivals = [
+        ("stribeck_friction:elbow", "coulomb 0.309, static 0.321 N m, velocity 0.11 rad/s", 0.01119, 1.9),
+        *(
+            (f"{effect}:{joint}", "1.23", 0.052, 100.0 + k)
+            for k, joint in enumerate(("elbow", second))
+            for effect in ("viscous_friction", "lag", "delay", "armature")
         ),
-        confusions=(Confusion(("coulomb_friction:elbow", "load_friction:elbow"), "Hold the elbow against loads of different size and move it slowly."),),
+        *((f"payload:link_{k}", "mass 0.21 kg, distance 0.1 m", 0.11, 900.0 + k) for k in range(8)),
+    ]
+    return DiagnosisResult(
+        verdict="explained",
+        p_value=1e-12,
+        where=(Place("joint", "elbow", 0.93, "near standstill, |dq| < 0.2 rad/s"),),
+        effects=(FoundEffect("coulomb_friction", "elbow", 0.97, {"torque": Estimate(0.31042, "N m", 0.29113, 0.33021)}),),
+        alternatives=tuple(Rival((effects,), error, behind, parameters) for effects, parameters, error, behind in rivals),
+        indistinguishable=(
+            Confusion(("coulomb_friction:elbow", "load_friction:elbow"), "Hold the elbow against loads of different size and move it slowly."),
+        ),
+        fit=Accuracy(0.5, Errors(0.121, 0.0112, 0.0101, "rad"), {"q_elbow": Errors(0.0873, 0.00212, 0.0019, "rad")}),
+        summary=("Coulomb friction at the elbow, 0.310 N m, explains what the simulator missed.", "Nothing else of the catalogue comes near."),
         detectable=(Detectable("viscous_friction", "elbow", "damping", 0.00712, "N m s/rad"), Detectable("torque_gain", second, "gain", 0.981, "1")),
         checks=("Sampling is even, 100 Hz.", "dq agrees with the derivative of q."),
-        settings={"horizon": "0.5 s", "trained on": "train_01.csv, train_02.csv", "held out": "test_03.csv", "took": "41 s"},
-    )
-    return diagnosis, evidence
-
-
-def _no_mismatch() -> tuple[dict, Evidence]:
-    diagnosis, evidence = _explained()
-    fit = {"horizon_s": 0.5, "held_out": {"before": 0.0103, "after": 0.0103, "noise_floor": 0.0101}, "channels": {}}
-    diagnosis |= {"verdict": "no_mismatch", "p_value": 0.423, "where": [], "effects": [], "alternatives": [], "indistinguishable": [], "fit": fit}
-    joints = tuple(dataclasses.replace(joint, before=joint.after) for joint in evidence.joints)
-    trajectories = tuple(dataclasses.replace(one, before=one.after) for one in evidence.trajectories)
-    return diagnosis, dataclasses.replace(
-        evidence, summary=("All within the noise.",), joints=joints, laws=(), trajectories=trajectories, rivals=(), confusions=()
+        about={"horizon": "0.5 s", "trained on": "train_01.csv, train_02.csv", "held out": "test_03.csv", "took": "41 s"},
+        evidence=Evidence(
+            joints=(_joint(second, 0.07, 0.0, 2), _joint("elbow", 0.93, 0.31, 1)),
+            laws=(Law("coulomb_friction", "elbow", "dq", at, -0.31 * np.tanh(at / 0.05)),),
+            trajectories=(_trajectory("elbow", 1.1), _trajectory(second, 0.08)),
+        ),
     )
 
 
-def _unexplained() -> tuple[dict, Evidence]:
-    diagnosis, evidence = _explained()
-    at = [-2.0, -1.0, -0.1, 0.1, 1.0, 2.0]
-    torque = [0.2, 0.3, 0.1, -0.1, -0.3, -0.2]
-    curve = {"at": {"value": at, "low": at, "high": at, "unit": "rad/s"}, "torque": {"value": torque, "low": None, "high": None, "unit": "N m"}}
-    diagnosis |= {"verdict": "unexplained", "effects": [{"effect": "unknown", "target": "elbow", "signal": "dq", "confidence": None, "parameters": curve}]}
-    return diagnosis, dataclasses.replace(evidence, laws=(Law("unknown", "elbow", "dq", np.array(at), np.array(torque)),))
+def _with(result: DiagnosisResult, **changes: Any) -> DiagnosisResult:
+    """`result` with other evidence."""
+    return dataclasses.replace(result, evidence=dataclasses.replace(result.evidence, **changes))
+
+
+def _no_mismatch() -> DiagnosisResult:
+    result = _explained()
+    joints = tuple(dataclasses.replace(joint, before=joint.after) for joint in result.evidence.joints)
+    trajectories = tuple(dataclasses.replace(one, before=one.after) for one in result.evidence.trajectories)
+    return dataclasses.replace(
+        _with(result, joints=joints, laws=(), trajectories=trajectories),
+        verdict="no_mismatch",
+        p_value=0.423,
+        where=(),
+        effects=(),
+        alternatives=(),
+        indistinguishable=(),
+        fit=Accuracy(0.5, Errors(0.0103, 0.0103, 0.0101, "rad")),
+        summary=("All within the noise.",),
+    )
+
+
+def _unexplained() -> DiagnosisResult:
+    at, torque = (-2.0, -1.0, -0.1, 0.1, 1.0, 2.0), (0.2, 0.3, 0.1, -0.1, -0.3, -0.2)
+    curve = FoundEffect("unknown", "elbow", None, {"at": Estimate(at, "rad/s", at, at), "torque": Estimate(torque, "N m")}, ("dq",))
+    result = _with(_explained(), laws=(Law("unknown", "elbow", "dq", np.array(at), np.array(torque)),))
+    return dataclasses.replace(result, verdict="unexplained", effects=(curve,))
 
 
 class _Page(HTMLParser):
@@ -152,7 +166,7 @@ def _read(html: str) -> _Page:
 
 
 def test_explained_says_verdict_where_what_and_the_rest_in_order():
-    html = report_html(*_explained())
+    html = report_html(_explained())
     page = _read(html)
     text = " ".join(page.text.split())
     sections = re.findall(r'<section id="([\w-]+)"', html)
@@ -175,11 +189,11 @@ def test_explained_says_verdict_where_what_and_the_rest_in_order():
     assert "99.0 % of the error above the noise floor is gone" in text
     assert page.tags.count("svg") == 2 * 3 + 1 + 2
     assert page.tags.count("details") == 1  # rivals beyond the twelfth
-    assert html == report_html(*_explained())
+    assert html == report_html(_explained())
 
 
 def test_no_mismatch_shows_no_correction():
-    page = _read(report_html(*_no_mismatch()))
+    page = _read(report_html(_no_mismatch()))
     assert "No mismatch found" in page.text
     assert "p = 0.423" in page.text
     assert "Nothing is missing" in page.text
@@ -188,14 +202,14 @@ def test_no_mismatch_shows_no_correction():
 
 
 def test_unexplained_shows_the_empirical_curve():
-    page = _read(report_html(*_unexplained()))
+    page = _read(report_html(_unexplained()))
     assert "Mismatch not explained" in page.text
     assert "6 points, −0.300 to 0.300" in page.text
     assert "Unknown effect at elbow" in page.text
 
 
 def test_names_are_escaped():
-    html = report_html(*_explained("<b>$x$ & 'y'"))
+    html = report_html(_explained("<b>$x$ & 'y'"))
     page = _read(html)
     assert "<b>$x$" not in html
     assert "<b>$x$ & 'y'" in page.text
@@ -203,17 +217,17 @@ def test_names_are_escaped():
 
 
 def test_one_joint_six_joints_and_none():
-    diagnosis, evidence = _explained()
-    _read(report_html(diagnosis, dataclasses.replace(evidence, joints=evidence.joints[1:], trajectories=())))
+    result = _explained()
+    _read(report_html(_with(result, joints=result.evidence.joints[1:], trajectories=())))
     many = tuple(_joint(f"joint_{k}", 1 / 6, 0.1 * k, k) for k in range(6))
-    page = _read(report_html(diagnosis, dataclasses.replace(evidence, joints=many)))
+    page = _read(report_html(_with(result, joints=many)))
     assert "3 more joints" in page.text
-    _read(report_html(diagnosis, Evidence((), (), (), (), (), (), (), ())))
+    _read(report_html(DiagnosisResult("explained", 1e-12, result.where, result.effects, fit=result.fit)))
 
 
 def test_joints_without_force_or_motion_or_with_missing_rows():
-    diagnosis, evidence = _explained()
-    still, joint = evidence.joints
+    result = _explained()
+    still, joint = result.evidence.joints
     zero = np.zeros_like(joint.before)
     gap = np.where(np.arange(len(zero)) % 7 == 0, np.nan, joint.before)
     joints = (
@@ -221,10 +235,18 @@ def test_joints_without_force_or_motion_or_with_missing_rows():
         dataclasses.replace(joint, joint="passive", command=zero, before=gap),
         dataclasses.replace(joint, joint="empty", share=math.nan, **{name: np.zeros(0) for name in ("time", "q", "dq", "command", "before", "after")}),
     )
-    page = _read(report_html(diagnosis, dataclasses.replace(evidence, joints=joints)))
+    page = _read(report_html(_with(result, joints=joints)))
     assert "agrees with the recordings exactly" in page.text
     assert "command u is 0 throughout" in page.text
     assert "No rows of this joint" in page.text
+
+
+def test_what_was_read_back_from_json_says_the_same_without_plots():
+    for result in (_explained(), _no_mismatch(), _unexplained()):
+        again = DiagnosisResult.from_json(json.loads(json.dumps(result.to_json())), result.evidence)
+        assert again.to_json() == result.to_json()
+        assert report_html(again) == report_html(result)
+        _read(report_html(dataclasses.replace(again, evidence=Evidence())))
 
 
 @pytest.mark.parametrize(
@@ -251,7 +273,7 @@ def test_a_browser_draws_it(tmp_path):
     if browser is None:
         pytest.skip("no Chromium found")
     page, shot = tmp_path / "report.html", tmp_path / "report.png"
-    page.write_text(report_html(*_explained()), encoding="utf-8")
+    page.write_text(report_html(_explained()), encoding="utf-8")
     command = [
         browser,
         "--headless",
