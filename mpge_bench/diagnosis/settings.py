@@ -71,6 +71,9 @@ class HypothesisSettings:
     """Of what might be missing, and of what simulators do differently, which is nobody's fault (in units of the physics step's own error)."""
 
     knots: int = _setting(41, "points", "of a nameless curve: fine enough for a cog, few enough for the recordings")
+    least_torque: float = _setting(1e-6, "N m", "of the size of things at a joint: none may be 0, as searches start from shares of it")
+    least_motion: float = _setting(1e-3, "rad, rad/s", "the same of angles and speeds")
+    least_length: float = _setting(0.02, "m", "the same of a link whose centre of mass lies on its joint")
     outermost: float = _setting(0.002, "share", "of the rows at either end of a signal that have no knots of their own")
     step_error: tuple[float, float] = _setting((-1.0, 3.0), "what halving the step changes", "halving removes half the error of a first-order integrator")
     implicit_damping: tuple[float, float] = _setting(
@@ -96,6 +99,7 @@ class FitSettings:
     cost_tolerance: float = _setting(1e-5, "share of the cost", "far below any standard error")
     hold: float = _setting(0.01, "standard deviations", "what the recordings do not tell stays where it started")
     robustness: float = _setting(0.25, "exponent", "of the windows' weights: least squares then lower a mean of roots")
+    reweightings: int = _setting(2, "fits", "far from the noise the windows' weights change with the fit")
     reweighted: float = _setting(0.5, "1", "weights of windows that differ by less are not worked out a second time")
     starts: int = _setting(3, "starts", "are fitted, where the best one stays far from the noise")
     far_start: float = _setting(3.0, "times the noise", "what counts as far from the noise for that")
@@ -147,6 +151,7 @@ class ChooseSettings:
     converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
     alike: float = _setting(0.995, "cosine", "between what two effects change of the prediction, from which on one may be taken for the other")
     twins: int = _setting(2, "models", "that may be taken for the chosen one are fitted")
+    curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
     spare_time: float = _setting(0.5, "of the time taken", "what must be left for fitting twins")
     mostly: float = _setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
     search_share: float = _setting(0.65, "of the time budget", "after which nothing new is begun, so that what is under way ends within it")

@@ -15,9 +15,6 @@ from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.curves import columns_of, curves
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
-#: Times that a curve is solved for, each about the motion as the model then smooths it.
-_PASSES = 3
-
 
 def with_curves(trials: Trials, chosen: Model) -> Model:
     """`chosen` and, where a nameless curve predicts held-out recordings much better, that curve with what is still needed beside it."""
@@ -60,7 +57,7 @@ def _fitted(trials: Trials, effects: Sequence[Effect], curve: Effect) -> Model:
     assert isinstance(curve, UnknownTorque)
     problem = trials.problem
     best = None
-    for _ in range(_PASSES):
+    for _ in range(trials.settings.curve_passes):
         model, fitter = polished(problem, [*effects, curve])
         trials.add(model)
         if best is not None and model.train > best.train:

@@ -140,8 +140,7 @@ class LinearFitter:
         step = np.array([step for effect in effects for step in steps_of(effect)])
         bounds = (low / size - 1e-9, high / size + 1e-9)
         z = first / size
-        # Far from the noise the windows' weights change with the fit.
-        for _ in range(2 if evaluations > 1 else 1):
+        for _ in range(settings.reweightings if evaluations > 1 else 1):
             cost = (self.residuals(rebuild(effects, z * size)) ** 2).sum(-1)
             weights = self.weights(cost)
 

@@ -72,6 +72,7 @@ def key(effects: Sequence[Effect]) -> frozenset[str]:
 def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
     """How large things are at each joint, along the reference motion."""
     rig, motion = linear.rig, linear.motion
+    least = motion.settings.hypotheses
     inertia, torque = np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1)), asked_torque(linear)
     valid = motion.valid()
     q, dq = motion.layout.q(motion.state[valid]), motion.layout.dq(motion.state[valid])
@@ -81,15 +82,15 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
         command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
         links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
         mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
-        length = max(float(np.linalg.norm(centre)), 0.02)
+        length = max(float(np.linalg.norm(centre)), least.least_length)
         # A root mean square over a still joint would be 0 and its curves would have no width.
-        size = max(float(np.sqrt(np.mean(command**2))), float(torque[column]), 1e-6)
+        size = max(float(np.sqrt(np.mean(command**2))), float(torque[column]), least.least_torque)
         found[joint] = Scale(
             torque=size,
-            limit=max(float(np.abs(command).max()), float(torque[column]), 1e-6),
-            speed=max(float(np.sqrt(np.mean(dq[:, column] ** 2))), 1e-3),
-            top_speed=max(float(np.abs(dq[:, column]).max()), 1e-3),
-            angle=max(float(np.std(q[:, column])), 1e-3),
+            limit=max(float(np.abs(command).max()), float(torque[column]), least.least_torque),
+            speed=max(float(np.sqrt(np.mean(dq[:, column] ** 2))), least.least_motion),
+            top_speed=max(float(np.abs(dq[:, column]).max()), least.least_motion),
+            angle=max(float(np.std(q[:, column])), least.least_motion),
             inertia=float(inertia[column]),
             mass=mass,
             length=length,

@@ -66,7 +66,7 @@ def regime(one: JointEvidence, settings: VerdictSettings) -> str:
         high = values > limit
         if high.any():
             options.append((float(power[high].mean()) / total, f"{name} > {limit:.2g} {unit}"))
-    for low in np.linspace(0, 1 - share, 5):
+    for low in np.linspace(0, 1 - share, round(1 / share)):
         a, b = np.quantile(one.q, [low, low + share])
         inside = (one.q >= a) & (one.q <= b)
         if inside.any():
