@@ -60,7 +60,7 @@ class Motion:
     @property
     def period(self) -> float:
         """What a row's physics steps take, s."""
-        return self.step * self.u.shape[2]
+        return float(self.step * self.u.shape[2])
 
     def fine(self) -> tuple[Array, Array]:
         """Reference q and dq at the physics steps, shape (r, k, m, j): the cubic through both ends of each interval."""

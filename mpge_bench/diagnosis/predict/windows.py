@@ -224,4 +224,4 @@ class WindowPredictor:
         q, dq = layout.q(state).copy(), layout.dq(state).copy()
         for effect in sensors:
             effect.sense(q, dq, self.linear.rig.joints.index(effect.target), motion.period)
-        return (layout.state(q, dq) - state)[:, self._back :]
+        return np.asarray(layout.state(q, dq) - state)[:, self._back :]
