@@ -44,6 +44,7 @@ from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.envs.effects import Effect, Hidden, effect_from_dict
 from mpge_bench.envs.errors import UserError
 
@@ -110,7 +111,8 @@ def compare(given: Path, kept: Path, ready: Path, jobs: int) -> dict[str, Any]:
     recordings = read_recordings(find_recordings([str(given / "train_*.csv")]), rig)
     listed = yaml.safe_load(ready.read_text()).get("effects", []) if ready.is_file() else None
     found = diagnose(rig, recordings, jobs=jobs).effects if listed is None else [effect_from_dict(one) for one in listed]
-    posed = problem(measurements(rig, recordings), HORIZON)
+    measured = measurements(rig, recordings)
+    posed = problem(measured, reference(rig, measured.recordings), HORIZON)
     options = candidates(rig, posed.scales)
     together = polished(posed, [one.starts[0] for one in options if one.name in ALL])[0].effects
     network = neural(posed)

@@ -33,7 +33,9 @@ from mpge_bench.diagnosis.choose.choice import tested
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.pipeline import diagnose
+from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
 
 RECORDINGS, SECONDS, PERIOD, TIMESTEP = 4, 8.0, 0.01, 0.001
@@ -68,7 +70,10 @@ def run(seed: int, out: Path) -> None:
         about = make(seed, Path(folder))
         rig = read_rig(Path(folder) / "rig.yaml")
         recordings = read_recordings(sorted(Path(folder).glob("*.csv")), rig)
-        p_value = tested(problem(measurements(rig, recordings), DEFAULT.predict.horizon)).screening.p_value
+        measured = measurements(rig, recordings)
+        linear = reference(rig, measured.recordings)
+        posed = problem(measured, linear, DEFAULT.predict.horizon)
+        p_value = tested(posed, candidates(rig, scales(linear))).screening.p_value
         # What `diagnose` says then, without what it adds for the report.
         result = {"seed": seed, **about, "verdict": "no_mismatch", "p_value": p_value, "found": []}
         if p_value < DEFAULT.choose.significance:

@@ -23,7 +23,9 @@ from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.recording import Recording, find_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
@@ -90,8 +92,10 @@ def diagnose(
     if progress:
         progress.stage("fitting models", 0)
     with Workers(jobs) as workers:
-        posed = problem(measured, horizon)
-        choice = choose(posed, workers, clock, progress.advance if progress else lambda steps: None)
+        linear = reference(rig, measured.recordings, settings)
+        options = candidates(rig, scales(linear))
+        posed = problem(measured, linear, horizon)
+        choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
         result = conclude(choice, clock)
     effects = choice.chosen.effects
     return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))

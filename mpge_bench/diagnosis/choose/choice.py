@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mpge_bench.diagnosis.choose.beam import grow
@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.curves import curves
 
 
@@ -24,22 +24,19 @@ class Mismatch:
     """What the nominal simulator misses.
 
     Attributes:
-        candidates: effects that could be at work.
         nominal, fitter: the model of no effects, and its fitter.
         screening: of all candidates and nameless curves against what it leaves; its p-value is that of there being no mismatch.
     """
 
-    candidates: tuple[Candidate, ...]
     nominal: Model
     fitter: LinearFitter
     screening: Screening
 
 
-def tested(problem: Problem) -> Mismatch:
-    """Whether there is a mismatch at all."""
-    options = tuple(candidates(problem.rig, problem.scales))
+def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
+    """Whether there is a mismatch at all, be it one of the `options` or a nameless curve."""
     model, fitter = nominal(problem)
-    return Mismatch(options, model, fitter, screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)]))
+    return Mismatch(model, fitter, screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)]))
 
 
 @dataclass(frozen=True)
@@ -65,10 +62,12 @@ class Choice:
     late: bool
 
 
-def choose(problem: Problem, workers: Workers, clock: Clock, advance: Callable[[int], None] = lambda steps: None) -> Choice:
-    """The smallest set of effects that predicts held-out recordings as well as any."""
-    mismatch = tested(problem)
-    trials = Trials(problem, mismatch.candidates, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
+def choose(
+    problem: Problem, options: Sequence[Candidate], workers: Workers, clock: Clock, advance: Callable[[int], None] = lambda steps: None
+) -> Choice:
+    """The smallest set of effects, out of `options`, that predicts held-out recordings as well as any; with a nameless curve where none does."""
+    mismatch = tested(problem, options)
+    trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
     chosen = mismatch.nominal
     if mismatch.screening.p_value < problem.settings.choose.significance:
         grow(trials, mismatch.screening)

@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.hypotheses.candidates import key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
-from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase, reference
+from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
@@ -73,9 +73,8 @@ class Problem:
         return LinearFitter(predictor, ~self.held_out)
 
 
-def problem(measurements: Measurements, horizon: float) -> Problem:
-    """Linearise the rig's simulator about the smoothed recordings, and cut these into windows of `horizon` s."""
-    linear = reference(measurements.rig, measurements.recordings, measurements.settings)
+def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float) -> Problem:
+    """What is to be fitted: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
     windows = windows_of(linear.motion, horizon)
     return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon)
 
