@@ -36,11 +36,15 @@ from rich.progress import track
 from rich.table import Table
 from scipy import stats
 
-from mpge_bench.diagnosis.diagnose import diagnose
-from mpge_bench.diagnosis.recording import Recording, find_recordings, read_recording, read_recordings
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.select import Explorer
-from mpge_bench.diagnosis.simulator import simulate
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.fit.problem import Problem, problem
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.hypotheses.candidates import candidates
+from mpge_bench.diagnosis.pipeline import diagnose
+from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.envs.effects import Effect, Hidden, effect_from_dict
 from mpge_bench.envs.errors import UserError
 
@@ -107,20 +111,21 @@ def compare(given: Path, kept: Path, ready: Path, jobs: int) -> dict[str, Any]:
     recordings = read_recordings(find_recordings([str(given / "train_*.csv")]), rig)
     listed = yaml.safe_load(ready.read_text()).get("effects", []) if ready.is_file() else None
     found = diagnose(rig, recordings, jobs=jobs).effects if listed is None else [effect_from_dict(one) for one in listed]
-    explorer = Explorer(rig, recordings)
-    everything = [one.starts[0] for one in explorer.candidates if one.name in ALL]
-    together = explorer.fits.polished(everything)[0].effects
-    network = neural(explorer)
+    measured = measurements(rig, recordings)
+    posed = problem(measured, reference(rig, measured.recordings), HORIZON)
+    options = candidates(rig, posed.scales)
+    together = polished(posed, [one.starts[0] for one in options if one.name in ALL])[0].effects
+    network = neural(posed)
     # The label is opened only now.
     truth = yaml.safe_load((kept / "label.yaml").read_text())["effects"]
     catalogued = all(one["catalogued"] for one in truth)
     true = [effect_from_dict({"effect": one["effect"], "target": one["target"], **one["value"]}) for one in truth] if catalogued else []
     told: tuple[Effect, ...] = ()
     if true:
-        starts = {(one.name, one.target): one.starts for one in explorer.candidates}
+        starts = {(one.name, one.target): one.starts for one in options}
         # Every start is tried, as the search does; the best on the training recordings counts.
         tries = [
-            explorer.fits.polished([starts[effect.name, effect.target][min(index, len(starts[effect.name, effect.target]) - 1)] for effect in true])[0]
+            polished(posed, [starts[effect.name, effect.target][min(index, len(starts[effect.name, effect.target]) - 1)] for effect in true])[0]
             for index in range(3)
         ]
         told = min(tries, key=lambda one: one.train).effects
@@ -134,9 +139,9 @@ def compare(given: Path, kept: Path, ready: Path, jobs: int) -> dict[str, Any]:
     return row
 
 
-def neural(explorer: Explorer) -> list[Effect]:
+def neural(posed: Problem) -> list[Effect]:
     """A network trained on the residual forces, as an effect."""
-    rig, linear = explorer.rig, explorer.fits.linear
+    rig, linear = posed.rig, posed.linear
     motion = linear.motion
     n = len(rig.joints)
     columns = tuple(index for index, joint in enumerate(rig.joints) if rig.modes[joint] != "passive")

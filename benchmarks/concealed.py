@@ -29,9 +29,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from mpge_bench.diagnosis.recording import Recording, read_recording
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.simulator import simulate
+from mpge_bench.diagnosis.data.recording import Recording, read_recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
 

@@ -29,10 +29,14 @@ from rich.console import Console
 from rich.progress import track
 from scipy import stats
 
-from mpge_bench.diagnosis.diagnose import diagnose
-from mpge_bench.diagnosis.recording import read_recordings
-from mpge_bench.diagnosis.rig import Rig, read_rig
-from mpge_bench.diagnosis.select import SIGNIFICANCE, Explorer
+from mpge_bench.diagnosis.choose.choice import tested
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
+from mpge_bench.diagnosis.pipeline import diagnose
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DEFAULT
 
 RECORDINGS, SECONDS, PERIOD, TIMESTEP = 4, 8.0, 0.01, 0.001
 
@@ -66,10 +70,13 @@ def run(seed: int, out: Path) -> None:
         about = make(seed, Path(folder))
         rig = read_rig(Path(folder) / "rig.yaml")
         recordings = read_recordings(sorted(Path(folder).glob("*.csv")), rig)
-        p_value = Explorer(rig, recordings).tested().p_value
+        measured = measurements(rig, recordings)
+        linear = reference(rig, measured.recordings)
+        posed = problem(measured, linear, DEFAULT.predict.horizon)
+        p_value = tested(posed, candidates(rig, scales(linear))).screening.p_value
         # What `diagnose` says then, without what it adds for the report.
         result = {"seed": seed, **about, "verdict": "no_mismatch", "p_value": p_value, "found": []}
-        if p_value < SIGNIFICANCE:
+        if p_value < DEFAULT.choose.significance:
             data = diagnose(rig, recordings).data
             result |= {"verdict": data["verdict"], "found": [one["effect"] for one in data["effects"]]}
     part = out / f".{seed:03}.part"

@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 
 from mpge_bench.console import ConsoleProgress
-from mpge_bench.diagnosis.diagnose import diagnose_files
+from mpge_bench.diagnosis.pipeline import diagnose_files
 
 #: What the publications say; sources in docs/diagnosis.md.
 PUBLISHED = {

@@ -18,14 +18,11 @@ from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
 from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import BASE_DQ, BASE_Q
 from mpge_bench.envs.model import Model, rotor_of
 from mpge_bench.envs.picture import Image, picture, visible
 
 Array = npt.NDArray[np.float64]
-
-
-#: Coordinates and velocities of a floating base: place (3) and quaternion x, y, z, w; linear (3) and angular velocity (3).
-BASE_Q, BASE_DQ = 7, 6
 
 
 def checked_state(
@@ -191,7 +188,7 @@ class World:
         steps = substeps // self._advances
         self._hidden = [Hidden(timestep) for _ in actuators]
         zeros = [0.0] * len(self.joints)
-        rubs = [effect.friction(zeros, joint, zeros, zeros) is not None for effect, joint in actuators]
+        rubs = [effect.rubs for effect, _ in actuators]
         #: Dry friction that changes is worked out anew at every physics step; steady dry friction is set once.
         self._rubbing = any(rubs) and not all(effect.steady for (effect, _), rub in zip(actuators, rubs, strict=True) if rub)
         self._actuators = [(*actuator, hidden, rub and self._rubbing) for actuator, hidden, rub in zip(actuators, self._hidden, rubs, strict=True)]

@@ -229,7 +229,7 @@ def diagnose(
     `simulate` and `diagnose` take it.
     """
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.diagnosis.diagnose import diagnose_files
+    from mpge_bench.diagnosis.pipeline import diagnose_files
 
     with ConsoleProgress() as progress:
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
@@ -266,9 +266,9 @@ def record(
     that the task ends early (the robot fell) is recorded as far as it went.
     Beside them OUT/rig.yaml and the robot's model file say what the simulator believes, where `diagnose` can take the robot: a fixed base, no ground.
     """
+    from mpge_bench import record as recorder
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.diagnosis import record as recorder
-    from mpge_bench.diagnosis.recording import FEWEST_ROWS, SHORTEST
+    from mpge_bench.diagnosis.settings import DEFAULT
     from mpge_bench.policies import home
 
     settings = recorder.RecordSettings(task, source, episodes, policy, seed, seconds, noise_q, noise_dq, format)
@@ -278,13 +278,15 @@ def record(
     for path, table in tables.items():
         _out.print(f"{path}: {len(table)} rows, {spans[path]:.2f} s", soft_wrap=True)
     robot = get_task(task).robot
-    short = sum(len(table) < FEWEST_ROWS or spans[path] < SHORTEST for path, table in tables.items())
+    needed = DEFAULT.data
+    short = sum(len(table) < needed.fewest_rows or spans[path] < needed.shortest for path, table in tables.items())
     if not recorder.can_be_rig(robot):
         kind = "a floating base" if robot.floating else "ground contact"
         _out.print(f"No rig.yaml was written: `diagnose` cannot take robots with {kind}, such as the {robot.name}, yet.", soft_wrap=True)
     elif short:
         advice = "give more --seconds" if policy == "target" else "try --policy target, which keeps the robot up longer"
-        _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({FEWEST_ROWS} rows and {SHORTEST} s are needed); {advice}.", soft_wrap=True)
+        least = f"{needed.fewest_rows} rows and {needed.shortest} s are needed"
+        _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({least}); {advice}.", soft_wrap=True)
     else:
         _out.print(f"Next: python -m mpge_bench diagnose --rig {out / 'rig.yaml'} --recording '{out}/episode_*.{format}' --out report/", soft_wrap=True)
 
@@ -307,9 +309,9 @@ def simulate(
     import numpy as np
     import pandas as pd
 
-    from mpge_bench.diagnosis.recording import read_recording, write_table
-    from mpge_bench.diagnosis.rig import read_rig
-    from mpge_bench.diagnosis.simulator import simulate as predict
+    from mpge_bench.diagnosis.data.recording import read_recording, write_table
+    from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.diagnosis.predict.bullet import simulate as predict
 
     believed = read_rig(rig)
     real = read_recording(recording, believed)

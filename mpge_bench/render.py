@@ -20,12 +20,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from mpge_bench.baselines.policy import Policy, load_state, policy_from
 from mpge_bench.baselines.progress import Progress, Silent
-from mpge_bench.diagnosis.record import random_actions
 from mpge_bench.envs import RobotEnv, Task, get_task
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import BASE_Q
 from mpge_bench.envs.picture import Image as Pixels
-from mpge_bench.envs.world import BASE_Q
 from mpge_bench.policies import FOLDER, load_set
+from mpge_bench.record import random_actions
 
 Array = npt.NDArray[np.float64]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ class PositionServo(Effect):
     servo_period: float = 0.0
 
     name = "position_servo"
+    sentence = "The {target}'s servo has gains {kp} and {kd}."
     on = "joint"
     parameters = {"kp": Parameter("N m/rad", 0.0, 1e6), "kd": Parameter("N m s/rad", 0.0, 1e5), "servo_period": Parameter("s", 0.0, 1.0)}
     needs_motor = True
@@ -38,22 +40,42 @@ class PositionServo(Effect):
         hidden.state = (count + 1, torque)
         command[joint] = torque
 
+    def is_stepwise(self, timestep: float) -> bool:
+        # One that acts anew at every physics step is a function of the state.
+        return self.servo_period > 1.5 * timestep
+
 
 @dataclass(frozen=True)
-class Delay(Effect):
-    """The motor delivers the command of `seconds` ago; nothing before the first."""
+class _Late(Effect):
+    """A command that comes `seconds` late; its variants differ in where it is late, and in what stands there before the first one is through."""
 
     seconds: float
 
-    name = "delay"
     on = "joint"
     parameters = {"seconds": Parameter("s", 0.0, 1.0)}
     remembers = True
     needs_motor = True
-    place = 10
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        command[joint] = _late(command[joint], 0.0 * command[joint], self.seconds, hidden)
+        command[joint] = _late(command[joint], self._before(command[joint]), self.seconds, hidden)
+
+    def _before(self, first: Any) -> Any:
+        """What is in force before the `first` command is through."""
+        return 0.0 * first
+
+
+@dataclass(frozen=True)
+class Delay(_Late):
+    """The motor delivers the command of `seconds` ago; nothing before the first."""
+
+    name = "delay"
+    sentence = "The {target}'s motor acts {seconds} late."
+    told_apart = {
+        "lag": "command sines of rising frequency: a delay leaves the amplitude, a lag lowers it",
+        "backlash": "reverse slowly under load: play shows at reversals only, a delay always",
+        "sensor_delay": "hold the motor still and push the joint by hand against a second sensor: only a late sensor is late then",
+    }
+    place = 10
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -61,22 +83,16 @@ class Delay(Effect):
 
 
 @dataclass(frozen=True)
-class Latency(Effect):
+class Latency(_Late):
     """What is commanded reaches the joint's controller `seconds` late: of a position-controlled joint its target angle. Until the first command is
     through, that one is in force."""
 
-    seconds: float
-
     name = "latency"
-    on = "joint"
-    parameters = {"seconds": Parameter("s", 0.0, 1.0)}
-    remembers = True
-    needs_motor = True
     #: Before any servo.
     place = -10
 
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        command[joint] = _late(command[joint], command[joint], self.seconds, hidden)
+    def _before(self, first: Any) -> Any:
+        return first
 
 
 @dataclass(frozen=True)
@@ -86,6 +102,11 @@ class DeadZone(Effect):
     torque: float
 
     name = "dead_zone"
+    sentence = "The {target}'s motor does not answer commands below {torque}, and answers larger ones by as much less."
+    told_apart = {
+        "coulomb_friction": "let the joint coast with the motor off: friction brakes it, a dead zone does not",
+    }
+    is_curve = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4)}
     maps_command = True
@@ -107,14 +128,26 @@ class TorqueGain(Effect):
     gain: float
 
     name = "torque_gain"
+    sentence = "The {target}'s motor delivers {gain} of its command."
+    told_apart = {
+        "payload": "let the arm swing with the motor off: a payload changes the free motion, a motor's gain does not",
+        "mass_scale": "let the arm swing with the motor off: mass changes the free motion, a motor's gain does not",
+        "gravity": "let the arm swing with the motor off: gravity changes the free motion, a motor's gain does not",
+        "coulomb_friction": "let the joint coast with the motor off: friction brakes it, a weak motor does not",
+        "load_friction": "drive and brake with the same torque: friction adds to one and takes from the other, a weak motor takes from both",
+    }
+    is_curve = True
     on = "joint"
-    parameters = {"gain": Parameter("1", 0.0, 5.0, neutral=1.0)}
+    parameters = {"gain": Parameter("1", 0.0, 5.0, neutral=1.0, percent=True)}
     maps_command = True
     needs_motor = True
     place = 30
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= self.gain
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+        return f"The {self.target}'s motor is dead." if self.gain < 0.02 else super().say(intervals)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -128,6 +161,12 @@ class TorqueBias(Effect):
     torque: float
 
     name = "torque_bias"
+    sentence = "The {target}'s motor adds a constant {torque} to its command."
+    told_apart = {
+        "gravity": "repeat at other angles: gravity's torque depends on them, a bias does not",
+        "joint_spring": "hold the joint at angles far apart",
+    }
+    is_curve = True
     on = "joint"
     parameters = {"torque": Parameter("N m", -1e4, 1e4)}
     maps_command = True
@@ -149,6 +188,10 @@ class Lag(Effect):
     time_constant: float
 
     name = "lag"
+    sentence = "The {target}'s motor follows its command with a time constant of {time_constant}."
+    told_apart = {
+        "sensor_delay": "let the joint swing with the motor off against a second sensor: only a late sensor is late then",
+    }
     on = "joint"
     parameters = {"time_constant": Parameter("s", 0.0, 5.0)}
     remembers = True
@@ -172,6 +215,8 @@ class TorqueLimit(Effect):
     torque: float
 
     name = "torque_limit"
+    sentence = "The {target}'s motor delivers no more than {torque}."
+    is_curve = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4, neutral=math.inf)}
     maps_command = True
@@ -195,6 +240,12 @@ class BackEmfLimit(Effect):
     no_load_speed: float
 
     name = "back_emf_limit"
+    title = "Back-EMF limit"
+    sentence = "The {target}'s motor runs out of voltage: at most {stall} at standstill, nothing beyond {no_load_speed}."
+    resembles = ("torque_limit", "viscous_friction")
+    told_apart = {
+        "viscous_friction": "drive at full torque and then let it coast: back-EMF limits only the driven motion",
+    }
     on = "joint"
     parameters = {"stall": Parameter("N m", 0.0, 1e4, neutral=math.inf), "no_load_speed": Parameter("rad/s", 1e-3, 1e5, neutral=math.inf)}
     needs_motor = True
@@ -322,6 +373,12 @@ class Backlash(Effect):
     motor_inertia: float
 
     name = "backlash"
+    sentence = "The {target}'s gear has a play of {width}, and a motor inertia of {motor_inertia} behind it."
+    contains = ("armature",)
+    told_apart = {
+        "armature": "reverse slowly: play shows as a moment without torque",
+        "joint_elasticity": "twist the joint by hand with the motor held: play gives way freely, a spring pushes back from the start",
+    }
     on = "joint"
     parameters = {"width": Parameter("rad", 0.0, 3.0, step=0.05), "motor_inertia": Parameter("kg m²", 1e-7, 1e3, step=0.01)}
     remembers = True
@@ -352,6 +409,11 @@ class JointElasticity(Effect):
     motor_inertia: float
 
     name = "joint_elasticity"
+    sentence = "The {target}'s drive is elastic: stiffness {stiffness}, damping {damping}, motor inertia {motor_inertia}."
+    contains = ("armature",)
+    told_apart = {
+        "armature": "command fast sines or a knock: elasticity rings at its own frequency",
+    }
     on = "joint"
     parameters = {
         "stiffness": Parameter("N m/rad", 1e-3, 1e7, neutral=math.inf),

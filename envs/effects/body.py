@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
 
@@ -24,6 +25,7 @@ class MassScale(Effect):
     factor: float
 
     name = "mass_scale"
+    sentence = "The {target} weighs {factor} times what the simulator believes."
     on = "link"
     parameters = {"factor": Parameter("1", 0.05, 50.0, neutral=1.0)}
 
@@ -44,6 +46,7 @@ class InertiaScale(Effect):
     factor: float
 
     name = "inertia_scale"
+    sentence = "The {target}'s rotational inertia is {factor} times what the simulator believes."
     on = "link"
     parameters = {"factor": Parameter("1", 0.01, 100.0, neutral=1.0)}
 
@@ -65,6 +68,8 @@ class ComOffset(Effect):
     z: float = 0.0
 
     name = "com_offset"
+    title = "Centre of mass offset"
+    sentence = "The {target}'s centre of mass lies off by {x}, {y}, {z}."
     on = "link"
     parameters = {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
 
@@ -81,20 +86,40 @@ class ComOffset(Effect):
 
 
 @dataclass(frozen=True)
-class Payload(Effect):
-    """A point mass on the link, `distance` m from its joint along the line from the joint to the link's centre of mass."""
+class _PointMass(Effect):
+    """A point `mass` fixed to the link; its variants differ in how they say where."""
 
     mass: float
+
+    on = "link"
+
+    def install(self, model: Model) -> None:
+        model.add_mass(self.target, self.mass, self._place(model))
+
+    def _place(self, model: Model) -> npt.NDArray[np.float64]:
+        """Where it is, m, in the link's frame, shape (3,)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Payload(_PointMass):
+    """A point mass on the link, `distance` m from its joint along the line from the joint to the link's centre of mass."""
+
     distance: float
 
     name = "payload"
-    on = "link"
+    sentence = "The {target} carries {mass} more, {distance} from its joint."
+    resembles = ("mass_scale",)
+    told_apart = {
+        "com_offset": "weigh the link, or shake its joint fast with gravity out of play: a payload adds inertia, an offset moves weight only",
+        "mass_scale": "drive fast and slow: a payload and a denser link have different ratios of inertia to weight",
+    }
     parameters = {"mass": Parameter("kg", 0.0, 1e4), "distance": Parameter("m", -10.0, 10.0)}
 
-    def install(self, model: Model) -> None:
+    def _place(self, model: Model) -> npt.NDArray[np.float64]:
         _, centre, _ = model.inertial(self.target)
         length = float(np.linalg.norm(centre))
-        model.add_mass(self.target, self.mass, centre * (self.distance / length) if length > 0 else np.zeros(3))
+        return np.asarray(centre * (self.distance / length) if length > 0 else np.zeros(3))
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -105,20 +130,18 @@ class Payload(Effect):
 
 
 @dataclass(frozen=True)
-class AttachedMass(Effect):
+class AttachedMass(_PointMass):
     """A point mass fixed to the link at `x`, `y`, `z`, m, in the link's frame: a load that is mounted off the middle."""
 
-    mass: float
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
 
     name = "attached_mass"
-    on = "link"
     parameters = {"mass": Parameter("kg", 0.0, 1e4)} | {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
 
-    def install(self, model: Model) -> None:
-        model.add_mass(self.target, self.mass, np.array((self.x, self.y, self.z)))
+    def _place(self, model: Model) -> npt.NDArray[np.float64]:
+        return np.array((self.x, self.y, self.z))
 
 
 @dataclass(frozen=True)

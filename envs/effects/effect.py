@@ -27,6 +27,7 @@ class Parameter:
         neutral: the value at which the effect vanishes (infinite where none in the range does).
         size: how many numbers; None for any number of them.
         step: share of its size by which it is moved to see what depends on it; large where the motion answers in jerks.
+        percent: people are told it in percent.
     """
 
     unit: str
@@ -35,6 +36,18 @@ class Parameter:
     neutral: float = 0.0
     size: int | None = 1
     step: float = 1e-4
+    percent: bool = False
+
+    def told(self, value: float | tuple[float, ...], intervals: Sequence[tuple[float, float]]) -> str:
+        """The value, with its 95% interval and unit, for people; `intervals` holds one for each number."""
+        values = value if isinstance(value, tuple) else (value,)
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if len(values) > 1:
+            return "(" + ", ".join(f"{one:.4g}" for one in values) + f"){unit}"
+        low, high = intervals[0]
+        if self.percent:
+            return f"{100 * values[0]:.3g}% ({100 * low:.3g}-{100 * high:.3g}%)"
+        return f"{values[0]:.4g}{unit} ({low:.4g} to {high:.4g})"
 
 
 @dataclass(frozen=True)
@@ -115,6 +128,20 @@ class Effect:
     needs_motor: ClassVar[bool] = False
     #: Place in the chain from the command (low) to the joint (high), for who lists effects without knowing their order.
     place: ClassVar[int] = 50
+    #: What it is called at the head of a table, where that is not its name in the catalogue.
+    title: ClassVar[str] = ""
+    #: What it is, said of its target; {parameter} is a parameter's value with its interval.
+    sentence: ClassVar[str] = ""
+    #: Plainer effects that it contains, as Stribeck's friction contains Coulomb's: never beside it.
+    contains: ClassVar[tuple[str, ...]] = ()
+    #: Plainer effects that it does not contain but may be mistaken for.
+    resembles: ClassVar[tuple[str, ...]] = ()
+    #: What would tell it from other effects that look like it on some recordings, by their names. An experiment stands in one of the two.
+    told_apart: ClassVar[dict[str, str]] = {}
+    #: True where its torque is a curve over one signal, the one it goes by, that can be drawn.
+    is_curve: ClassVar[bool] = False
+    #: False for what stands in for physics that nobody has named: its parameters are solved for, not searched.
+    named: ClassVar[bool] = True
 
     def __init_subclass__(cls) -> None:
         if "name" in cls.__dict__:
@@ -153,6 +180,9 @@ class Effect:
             hidden: what the effect remembers; its own, and kept from physics step to physics step.
         """
 
+    def unsense(self, q: npt.NDArray[np.float64], dq: npt.NDArray[np.float64], joint: int) -> None:
+        """Undo in place what `sense` does to single readings; what is late (`looks_back`) it leaves late. Arguments are shaped (..., joints)."""
+
     def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
         """Largest torque, N m, with which dry friction opposes the motion of the joint now; None if the effect is no dry friction."""
         return None
@@ -166,6 +196,67 @@ class Effect:
             joint: the target's index.
             timestep: interval, s. Before the first row the motion is taken to have gone on at the first row's velocity.
         """
+
+    @property
+    def goes_by(self) -> str:
+        """The signal of its joint, ``"command"``, ``"q"`` or ``"dq"``, that its torque depends on, as far as there is one."""
+        return "command" if self.maps_command else "dq"
+
+    @property
+    def rubs(self) -> bool:
+        """Whether it is dry friction."""
+        return type(self).friction is not Effect.friction
+
+    @property
+    def alters_model(self) -> bool:
+        """Whether it changes bodies, rotors, gravity or constant forces: what `install` is for."""
+        return type(self).install is not Effect.install
+
+    @property
+    def rotor_inertia(self) -> float:
+        """What it adds to its joint's own inertia and to no other entry of the mass matrix, kg m²."""
+        return 0.0
+
+    @property
+    def implicit_damping(self) -> float:
+        """Damping, N m s/rad, that some simulators work out at the end of the physics step and some at its beginning."""
+        return 0.0
+
+    @property
+    def looks_back(self) -> float | None:
+        """How old what it makes the sensors read is, s; None where that is no part of its law."""
+        return None
+
+    def is_stepwise(self, timestep: float) -> bool:
+        """Whether its torques along a given motion must be worked out one after another, at physics steps of `timestep` s."""
+        return self.remembers
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+        """One plain line about it.
+
+        Args:
+            intervals: 95% interval of each parameter (one for each number of a vector).
+        """
+        words = {name: parameter.told(getattr(self, name), intervals[name]) for name, parameter in self.parameters.items()}
+        target = self.target.removesuffix("_link")
+        if not self.sentence:
+            return f"{self.called()} at the {target}: {', '.join(f'{name} {text}' for name, text in words.items())}."
+        return self.sentence.format(target=target, **words)
+
+    @classmethod
+    def called(cls) -> str:
+        """Its name at the head of a table."""
+        return cls.title or cls.name.replace("_", " ").capitalize()
+
+    @classmethod
+    def plainer(cls) -> tuple[str, ...]:
+        """Plainer effects that may be the truth where it is found."""
+        return (*cls.contains, *cls.resembles)
+
+    @classmethod
+    def is_bent(cls) -> bool:
+        """Whether what it changes is not in proportion to its parameters, even where they are small."""
+        return cls.remembers or cls.maps_command or math.isinf(next(iter(cls.parameters.values())).neutral)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +24,19 @@ class JointSpring(Effect):
     rest: float = 0.0
 
     name = "joint_spring"
+    sentence = "A spring of {stiffness} pulls the {target} to {rest}."
+    contains = ("torque_bias",)
+    told_apart = {
+        "gravity": "turn the base on its side: gravity's torque changes, a spring's does not",
+    }
+    is_curve = True
     on = "joint"
     parameters = {"stiffness": Parameter("N m/rad", 0.0, 1e5), "rest": Parameter("rad", -100.0, 100.0)}
     place = 90
+
+    @property
+    def goes_by(self) -> str:
+        return "q"
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.stiffness * (self.rest - q[joint])
@@ -43,9 +54,15 @@ class ViscousFriction(Effect):
     damping: float
 
     name = "viscous_friction"
+    sentence = "The {target} has viscous friction of {damping}."
+    is_curve = True
     on = "joint"
     parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4)}
     place = 90
+
+    @property
+    def implicit_damping(self) -> float:
+        return self.damping
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] -= self.damping * dq[joint]
@@ -62,6 +79,8 @@ class AirDrag(Effect):
     quadratic: float
 
     name = "air_drag"
+    sentence = "The {target} is braked with the square of its speed: {quadratic}."
+    is_curve = True
     on = "joint"
     parameters = {"quadratic": Parameter("N m s²/rad²", 0.0, 1e4)}
     place = 90
@@ -81,6 +100,13 @@ class CoulombFriction(Effect):
     torque: float
 
     name = "coulomb_friction"
+    title = "Coulomb friction"
+    sentence = "The {target} has dry friction of {torque}."
+    told_apart = {
+        "stribeck_friction": "move very slowly, with many reversals",
+        "load_friction": "move at constant speed under two different loads",
+    }
+    is_curve = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4)}
     steady = True
@@ -103,6 +129,11 @@ class StribeckFriction(Effect):
     velocity: float
 
     name = "stribeck_friction"
+    title = "Stribeck friction"
+    sentence = "The {target} has dry friction that falls from {static} at standstill to {coulomb}, within about {velocity}."
+    contains = ("coulomb_friction",)
+    resembles = ("viscous_friction",)
+    is_curve = True
     on = "joint"
     parameters = {"coulomb": Parameter("N m", 0.0, 1e4), "static": Parameter("N m", 0.0, 1e4), "velocity": Parameter("rad/s", 1e-4, 1e4)}
     place = 90
@@ -126,8 +157,9 @@ class LoadFriction(Effect):
     coefficient: float
 
     name = "load_friction"
+    sentence = "The {target} loses {coefficient} of the torque it carries to friction."
     on = "joint"
-    parameters = {"coefficient": Parameter("1", 0.0, 2.0)}
+    parameters = {"coefficient": Parameter("1", 0.0, 2.0, percent=True)}
     needs_motor = True
     place = 85
 
@@ -146,10 +178,19 @@ class Armature(Effect):
     inertia: float
 
     name = "armature"
+    sentence = "The {target}'s rotor adds an inertia of {inertia}."
+    told_apart = {
+        "inertia_scale": "move the joint that carries this one: a link's inertia is felt there, a rotor's is not",
+        "mass_scale": "hold the joint still at several angles: mass needs holding torque, a rotor does not",
+    }
     on = "joint"
     parameters = {"inertia": Parameter("kg m²", 0.0, 1e4)}
     steady = True
     place = 95
+
+    @property
+    def rotor_inertia(self) -> float:
+        return self.inertia
 
     def install(self, model: Model) -> None:
         model.add_rotor(self.target, self.inertia)
@@ -199,6 +240,9 @@ class UnknownTorque(Effect):
     torque: tuple[float, ...]
 
     name = "unknown"
+    title = "Unknown effect"
+    named = False
+    is_curve = True
     on = "joint"
     parameters = {"at": Parameter("rad, rad/s or N m", -1e6, 1e6, size=None), "torque": Parameter("N m", -1e6, 1e6, size=None)}
     place = 96
@@ -208,6 +252,15 @@ class UnknownTorque(Effect):
         if self.signal not in ("q", "dq", "command"):
             raise UserError(f"effect unknown on {self.target}: signal is {self.signal!r}; choose q, dq or command")
         self._check_curve("at", "torque")
+
+    @property
+    def goes_by(self) -> str:
+        return self.signal
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+        most = max(abs(value) for value in self.torque)
+        signal = {"q": "position", "dq": "speed", "command": "motor's torque"}[self.signal]
+        return f"Something without a name acts on the {self.target}: a torque of up to {most:.3g} N m that depends on its {signal} (curve exported)."
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         signal = {"q": q, "dq": dq, "command": command}[self.signal][joint]

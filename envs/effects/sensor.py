@@ -20,12 +20,16 @@ class SensorBias(Effect):
     offset: float
 
     name = "sensor_bias"
+    sentence = "The {target}'s sensor reads {offset} too much."
     on = "sensor"
     parameters = {"offset": Parameter("rad", -100.0, 100.0)}
     place = 110
 
     def sense(self, q: Array, dq: Array, joint: int, timestep: float) -> None:
         q[..., joint] += self.offset
+
+    def unsense(self, q: Array, dq: Array, joint: int) -> None:
+        q[..., joint] -= self.offset
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -39,6 +43,7 @@ class SensorScale(Effect):
     gain: float
 
     name = "sensor_scale"
+    sentence = "The {target}'s sensor reads {gain} times the true value."
     on = "sensor"
     parameters = {"gain": Parameter("1", 0.1, 10.0, neutral=1.0)}
     place = 105
@@ -46,6 +51,10 @@ class SensorScale(Effect):
     def sense(self, q: Array, dq: Array, joint: int, timestep: float) -> None:
         q[..., joint] *= self.gain
         dq[..., joint] *= self.gain
+
+    def unsense(self, q: Array, dq: Array, joint: int) -> None:
+        q[..., joint] /= self.gain
+        dq[..., joint] /= self.gain
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -59,9 +68,14 @@ class SensorDelay(Effect):
     seconds: float
 
     name = "sensor_delay"
+    sentence = "The {target}'s sensor is {seconds} late."
     on = "sensor"
     parameters = {"seconds": Parameter("s", 0.0, 1.0)}
     place = 100
+
+    @property
+    def looks_back(self) -> float | None:
+        return self.seconds
 
     def sense(self, q: Array, dq: Array, joint: int, timestep: float) -> None:
         position, velocity = q[..., joint].copy(), dq[..., joint].copy()

@@ -18,6 +18,11 @@ class Gravity(Effect):
     vector: tuple[float, float, float]
 
     name = "gravity"
+    sentence = "Gravity is {vector} in the base's frame: the base is tilted, or gravity has another strength."
+    told_apart = {
+        "sensor_bias": "let every joint hang at rest and read the sensors, then turn the base about the vertical: a tilt turns with it,"
+        " a sensor's bias does not",
+    }
     on = "world"
     parameters = {"vector": Parameter("m/s²", -100.0, 100.0, size=3)}
 
@@ -36,6 +41,7 @@ class ExternalForce(Effect):
     vector: tuple[float, float, float]
 
     name = "external_force"
+    sentence = "A constant force of {vector} pulls at the {target}."
     on = "link"
     parameters = {"vector": Parameter("N", -1e4, 1e4, size=3)}
 

@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from mpge_bench.envs.effects import LinkSize
 from mpge_bench.envs.effects.effect import Effect
+from mpge_bench.envs.layout import BASE_DQ
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.picture import distance_for
-from mpge_bench.envs.world import BASE_DQ, Loop, World
+from mpge_bench.envs.world import Loop, World
 
 Array = npt.NDArray[np.float64]
 MODELS = Path(__file__).parent / "models"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,13 @@ import pandas as pd
 import pytest
 import yaml
 
-from mpge_bench.diagnosis.recording import Recording
-from mpge_bench.diagnosis.rig import Rig, read_rig
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -73,3 +78,52 @@ def table(recording: Recording, rig: Rig) -> pd.DataFrame:
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     """An arm of two links."""
     return read_rig(write_rig(tmp_path_factory.mktemp("arm")))
+
+
+#: Length and interval of a pendulum's recordings, s.
+SECONDS, PERIOD = 5.0, 0.01
+PENDULUM = (
+    '<robot name="rig"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.25"/><mass value="1"/>'
+    '<inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hinge" type="continuous">'
+    '<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><dynamics damping="0.02"/></joint></robot>'
+)
+
+
+def write_case(
+    folder: Path, effects: Sequence[Effect] = (), *, recordings: int = 4, noise: float = 5e-4, velocities: bool = True, timestep: float = 0.001
+) -> Path:
+    """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "robot.urdf").write_text(PENDULUM)
+    rig_path = folder / "rig.yaml"
+    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": timestep, "record_period": PERIOD, "joints": {"hinge": {"mode": "torque"}}}))
+    rng = np.random.default_rng(1)
+    world = read_rig(rig_path).world(effects, timestep=timestep / 2, substeps=round(2 * PERIOD / timestep))
+    for number in range(recordings):
+        parts = [(rng.uniform(0.3, 1.0), rng.uniform(0.3, 2.0), rng.uniform(0, 6)) for _ in range(3)]
+        world.set_state([rng.uniform(-0.5, 0.5)], [0.0])
+        rows = []
+        for row in range(round(SECONDS / PERIOD)):
+            u = sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
+            rows.append([row * PERIOD, u, world.q[0] + noise * rng.standard_normal(), world.dq[0] + 10 * noise * rng.standard_normal()])
+            world.step([u])
+        columns = ["time", "u_hinge", "q_hinge", "dq_hinge"][: 4 if velocities else 3]
+        np.savetxt(folder / f"train_{number}.csv", np.array(rows)[:, : len(columns)], delimiter=",", header=",".join(columns), comments="")
+    return rig_path
+
+
+Made = tuple[Rig, LinearFitter, list[Candidate]]
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Callable[..., Made]:
+    """A fitter and all candidates for a pendulum with given effects."""
+
+    def make(*effects: Effect) -> Made:
+        rig = read_rig(write_case(tmp_path, effects))
+        linear = reference(rig, read_recordings(sorted(tmp_path.glob("*.csv")), rig))
+        windows = windows_of(linear.motion, 0.5)
+        predictor = WindowPredictor(linear, windows, linear.motion.sigma)
+        return rig, LinearFitter(predictor, windows.recording < 3), candidates(rig, scales(linear))
+
+    return make

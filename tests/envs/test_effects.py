@@ -984,3 +984,20 @@ def test_plain_data_that_is_no_effect_is_refused(data: dict[str, Any], says: str
     with pytest.raises(UserError, match=says) as error:
         effect_from_dict(data)
     assert "\n" not in str(error.value)
+
+
+def test_sentences_say_value_interval_and_unit() -> None:
+    text = TorqueGain("elbow", 0.6).say({"gain": [(0.598, 0.603)]})
+    assert text == "The elbow's motor delivers 60% (59.8-60.3%) of its command."
+    assert TorqueGain("elbow", 0.0).say({"gain": [(0.0, 0.01)]}) == "The elbow's motor is dead."
+    assert "0.31 N m s/rad (0.29 to 0.33)" in ViscousFriction("wrist_link", 0.31).say({"damping": [(0.29, 0.33)]})
+    assert CoulombFriction.called() == "Coulomb friction"
+    assert Payload.called() == "Payload"
+
+
+@pytest.mark.parametrize("kind", CATALOGUE.values(), ids=lambda kind: kind.name)
+def test_what_an_effect_says_of_others_names_effects(kind: type[Effect]) -> None:
+    others = {*kind.contains, *kind.resembles, *kind.told_apart}
+    assert others <= set(CATALOGUE) - {kind.name}
+    # An experiment that tells two effects apart is written once.
+    assert not [other for other in kind.told_apart if kind.name in CATALOGUE[other].told_apart]

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import mpge_bench
-from mpge_bench.diagnosis.record import RecordSettings, record
 from mpge_bench.envs import ROBOTS, TASKS, RobotEnv, Task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.fingerprint import fingerprint
 from mpge_bench.envs.mujoco_targets import GYMNASIUM, MujocoWorld
 from mpge_bench.harness.mismatch import measure_mismatch
 from mpge_bench.harness.optimal import random_transitions
+from mpge_bench.record import RecordSettings, record
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo's targets need the extra mujoco")
 pytest.importorskip("imageio", reason="Gymnasium's MuJoCo environments need imageio")

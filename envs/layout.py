@@ -1,0 +1,110 @@
+"""The configuration manifold of a robot: where in q and dq the base and the joints stand, and how to go from one configuration to another.
+
+q has `nq` coordinates and dq `nv`: of a fixed base one a joint each; a floating base comes first, with place (3) and quaternion x, y, z, w in q and linear
+(3) and angular velocity (3), along the world's axes, in dq. Differences of configurations live in the tangent space, `nv` numbers. All functions take arrays
+whose last axis is the coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+#: Coordinates and velocities of a floating base: place (3) and quaternion x, y, z, w; linear (3) and angular velocity (3).
+BASE_Q, BASE_DQ = 7, 6
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Of a robot with these many movable joints.
+
+    Attributes:
+        joints: number of movable joints.
+        floating: whether the base's coordinates come before the joints'.
+    """
+
+    joints: int
+    floating: bool = False
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates."""
+        return BASE_Q * self.floating + self.joints
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities, and of directions in which a configuration can change."""
+        return BASE_DQ * self.floating + self.joints
+
+    @property
+    def joint_q(self) -> slice:
+        """The joints' part of q."""
+        return slice(self.nq - self.joints, self.nq)
+
+    @property
+    def joint_dq(self) -> slice:
+        """The joints' part of dq."""
+        return slice(self.nv - self.joints, self.nv)
+
+    def q(self, state: Array) -> Array:
+        """The coordinates of states (q, dq), whose last axis is nq + nv long; a view."""
+        return state[..., : self.nq]
+
+    def dq(self, state: Array) -> Array:
+        """The velocities of states (q, dq); a view."""
+        return state[..., self.nq :]
+
+    def dx(self, change: Array) -> Array:
+        """What a change of state, 2 nv long, changes of the configuration; a view."""
+        return change[..., : self.nv]
+
+    def ddx(self, change: Array) -> Array:
+        """What a change of state, 2 nv long, changes of the velocities; a view."""
+        return change[..., self.nv :]
+
+    @staticmethod
+    def state(q: Array, dq: Array) -> Array:
+        """States (q, dq)."""
+        return np.concatenate((q, dq), -1)
+
+    def plus(self, state: Array, change: Array) -> Array:
+        """The states that `change`, 2 nv long, leads to from `state`: along the tangent, quaternions by the rotation vector."""
+        if not self.floating:
+            return np.asarray(state + change)
+        q, step = self.q(state), self.dx(change)
+        turned = _times(_rotation(step[..., 3:BASE_DQ]), q[..., 3:BASE_Q])
+        moved = (q[..., :3] + step[..., :3], turned, q[..., BASE_Q:] + step[..., BASE_DQ:], self.dq(state) + self.ddx(change))
+        return np.concatenate(moved, -1)
+
+    def minus(self, state: Array, other: Array) -> Array:
+        """The change, 2 nv long, that leads from `other` to `state`; the shorter way round."""
+        if not self.floating:
+            return np.asarray(state - other)
+        q, from_q = self.q(state), self.q(other)
+        turn = _vector(_times(q[..., 3:BASE_Q], from_q[..., 3:BASE_Q] * np.array([-1.0, -1.0, -1.0, 1.0])))
+        return np.concatenate((q[..., :3] - from_q[..., :3], turn, q[..., BASE_Q:] - from_q[..., BASE_Q:], self.dq(state) - self.dq(other)), -1)
+
+
+def _rotation(vector: Array) -> Array:
+    """Quaternions x, y, z, w of rotation vectors."""
+    half = np.linalg.norm(vector, axis=-1, keepdims=True) / 2
+    return np.concatenate((vector / 2 * np.sinc(half / np.pi), np.cos(half)), -1)
+
+
+def _vector(turn: Array) -> Array:
+    """Rotation vectors of unit quaternions x, y, z, w, no longer than half a turn."""
+    turn = np.where(turn[..., 3:] < 0, -turn, turn)
+    sine = np.linalg.norm(turn[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, turn[..., 3:])
+    return np.asarray(turn[..., :3] * np.where(sine > 0, angle / np.where(sine > 0, sine, 1.0), 2.0))
+
+
+def _times(left: Array, right: Array) -> Array:
+    """Products of quaternions x, y, z, w."""
+    a, b = left[..., :3], right[..., :3]
+    v, w = left[..., 3:], right[..., 3:]
+    return np.concatenate((v * b + w * a + np.cross(a, b), v * w - (a * b).sum(-1, keepdims=True)), -1)

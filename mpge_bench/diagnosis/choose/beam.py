@@ -1,0 +1,99 @@
+"""Forward selection with a beam: models grow by one effect a round, as long as held-out recordings gain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_bench.diagnosis.choose.score import is_better, is_idle
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.fit.noise import with_noise_of
+from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.screen import Screening, screen
+from mpge_bench.diagnosis.fit.simulator import drafted, nominal
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.envs.effects import Effect
+
+Beam = list[tuple[Model, LinearFitter]]
+
+
+def grow(trials: Trials, screening: Screening) -> None:
+    """Fit models of one effect, two, and so on, each round from the best of the round before.
+
+    Args:
+        screening: of the nominal simulator.
+    """
+    settings = trials.settings
+    beam: Beam = [(trials.nominal, trials.fitter)]
+    for depth in range(settings.most):
+        drafts = _drafts(trials, beam, screening, depth)
+        if not drafts:
+            break
+        if depth == 0:
+            _renew_noise(trials, drafts[0])
+        # The noise may just have been estimated anew, and the nominal model with it.
+        before = beam[0][0] if depth else trials.nominal
+        grown = _polished(trials, drafts, depth)
+        if not grown:
+            break
+        best = grown[0][0]
+        # There is something, so that what no effect does alone two may do together.
+        if depth and not is_better(trials.problem, before, best):
+            break
+        # A model far from the noise may still be half of the truth, but not where another has reached it.
+        near = settings.held if best.held_out < settings.held else settings.half_truth
+        beam = [pair for pair in grown[: settings.beam] if pair[0].held_out < near * best.held_out]
+        rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
+        if rest.p_value >= settings.significance or max(rest.gains.values(), default=0.0) < settings.material:
+            break
+
+
+def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> list[Model]:
+    """Models of one more effect than those of the beam, roughly fitted, best first, one of each set of effects."""
+    settings = trials.settings
+    first, later, besides = settings.tried
+    drafts: list[Model] = []
+    for place, (model, fitter) in enumerate(beam):
+        # Where the best model's next step leads near the noise, those that are far off need not be followed.
+        if depth and (trials.late or min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall):
+            break
+        looked = screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order) if model.effects else screening
+        drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)
+    drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.overall)}.values())
+    return sorted(drafts, key=lambda one: one.overall)
+
+
+def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screening, tried: int) -> list[Model]:
+    """Models of one more effect than `model`, fitted roughly: of the `tried` candidates that promise most, the better half."""
+    problem = trials.problem
+    ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
+    present = {(plainer, effect.target) for effect in model.effects for plainer in effect.contains}
+    ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
+    rest = [[effect for effect in model.effects if effect.target != one.target or effect.name not in one.kind.contains] for one in ranked]
+    fits: list[Fit] = trials.each(_grown, (fitter,), list(zip(rest, ranked, strict=True)))
+    fits = sorted((one for one in fits if not is_idle(problem, fitter, one.effects)), key=lambda one: fitter.chi_square(one.cost, slice(None)))
+    return [trials.fitted(draft) for draft in trials.each(drafted, (fitter,), fits[: tried // 2])]
+
+
+def _polished(trials: Trials, drafts: list[Model], depth: int) -> Beam:
+    """The best drafts fitted to the end, the one that predicts held-out recordings best first."""
+    settings = trials.settings
+    # Where one model is near, one that is far off cannot catch up.
+    hopeless = settings.hopeless[min(depth, 1)] * drafts[0].overall
+    pairs = trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
+    pairs = sorted((pair for pair in pairs if not is_idle(trials.problem, pair[1], pair[0].effects)), key=lambda pair: pair[0].overall)
+    if pairs:
+        pairs[0] = trials.converged(*pairs[0])
+    for model, _ in pairs:
+        trials.add(model)
+    return sorted(pairs, key=lambda pair: pair[0].held_out)
+
+
+def _renew_noise(trials: Trials, model: Model) -> None:
+    problem = with_noise_of(trials.problem, trials.fitter, model)
+    if problem is not None:
+        trials.begin(problem, nominal(problem))
+
+
+def _grown(problem: Problem, fitter: LinearFitter, step: tuple[list[Effect], Candidate]) -> Fit:
+    return fitter.grow(*step)

@@ -1,0 +1,77 @@
+"""The whole choice: is there a mismatch, which models explain it, and which of them is the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mpge_bench.diagnosis.choose.beam import grow
+from mpge_bench.diagnosis.choose.curves import with_curves
+from mpge_bench.diagnosis.choose.simplest import simplest
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.twins import fit_twins
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.screen import Screening, screen
+from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.diagnosis.hypotheses.curves import curves
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """What the nominal simulator misses.
+
+    Attributes:
+        nominal, fitter: the model of no effects, and its fitter.
+        screening: of all candidates and nameless curves against what it leaves; its p-value is that of there being no mismatch.
+    """
+
+    nominal: Model
+    fitter: LinearFitter
+    screening: Screening
+
+
+def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
+    """Whether there is a mismatch at all, be it one of the `options` or a nameless curve."""
+    model, fitter = nominal(problem)
+    return Mismatch(model, fitter, screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)]))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The answer, and what it was chosen from.
+
+    Attributes:
+        problem: with the noise as it was estimated last.
+        nominal, fitter: the model of no effects under that noise, and its fitter.
+        chosen: the answer.
+        models: all that were fitted to the end, those of no effects among them.
+        p_value: of there being no mismatch.
+        late: whether the time budget ended the search early.
+    """
+
+    problem: Problem
+    candidates: tuple[Candidate, ...]
+    nominal: Model
+    fitter: LinearFitter
+    chosen: Model
+    models: tuple[Model, ...]
+    p_value: float
+    late: bool
+
+
+def choose(
+    problem: Problem, options: Sequence[Candidate], workers: Workers, clock: Clock, advance: Callable[[int], None] = lambda steps: None
+) -> Choice:
+    """The smallest set of effects, out of `options`, that predicts held-out recordings as well as any; with a nameless curve where none does."""
+    mismatch = tested(problem, options)
+    trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
+    chosen = mismatch.nominal
+    if mismatch.screening.p_value < problem.settings.choose.significance:
+        grow(trials, mismatch.screening)
+        chosen = with_curves(trials, simplest(trials))
+        fit_twins(trials, chosen)
+    models = tuple(trials.models)
+    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening.p_value, clock.late)

@@ -1,0 +1,84 @@
+"""When one model is better than another, and when an effect does next to nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.hypotheses.candidates import carrier
+from mpge_bench.diagnosis.predict.windows import WindowPredictor
+from mpge_bench.envs.effects import CATALOGUE, Effect, effect_from_dict
+
+Array = npt.NDArray[np.float64]
+
+
+def gain(simple: Model, rich: Model, windows: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """Logarithm of by how much what is missed on `windows` falls from one model to another, and its standard error.
+
+    By the mean over windows (the blocks: rows within one are not independent) of the roots of the sums of squares, so that no single window on which both go
+    astray decides; for small gains this is the share of the sum of squares.
+    """
+    before, after = (np.sqrt(one.fit.cost[windows] + 1e-9) for one in (simple, rich))
+    change = before / before.mean() - after / after.mean()
+    share = 2 * float(np.log(before.mean() / after.mean()))
+    return share, 2 * float(np.std(change, ddof=1) / np.sqrt(len(change))) if len(change) > 1 else 0.0
+
+
+def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
+    """Whether `rich` predicts better than `simple`: materially, all windows beyond two standard errors, and held-out ones too if they are touched at all.
+
+    A handful of parameters cannot overfit thousands of rows by a material share, and the held-out windows of a few seconds are too few for a test. What
+    seldom happens, as a limit that is seldom reached, is judged on the windows where it does.
+    """
+    settings, held = problem.settings.choose, problem.held_out
+    every = np.ones_like(held)
+    apart = np.abs(rich.fit.cost - simple.fit.cost) > settings.touched * np.minimum(rich.fit.cost, simple.fit.cost)
+    share, error = gain(simple, rich, apart if apart.sum() > settings.few_touched else every)
+    told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
+    # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere, and windows differ too much for two standard errors.
+    near = rich.overall < settings.coarse
+    least, errors = (settings.material, settings.errors) if near else (settings.coarse_material, settings.coarse_errors)
+    return share > errors * error and min(gain(simple, rich, every)[0], told) > least
+
+
+def is_idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> bool:
+    """Whether one of `effects` has parameters that mean nothing, or does next to nothing beside the others.
+
+    That is, what it changes of the joints' torques or the sensors' readings is small, and so is what is missed the more without it. Of an effect that
+    contains a plainer one only what goes beyond that counts.
+    """
+    settings, predictor = problem.settings.choose, fitter.predictor
+    for effect in effects:
+        if not effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)]):
+            return True
+        others = [other for other in effects if other is not effect]
+        if effect.on == "sensor":
+            misread = predictor.sensed(effects) - predictor.sensed(others)
+            small = np.sqrt(np.mean(misread**2, (0, 1))) < settings.slight * np.std(predictor.state, (0, 1))
+        else:
+            added, others = _beyond_plainer(predictor, effect, effects, others)
+            small = np.sqrt(np.mean(added**2, (0, 1))) < settings.slight * problem.torque
+        if small.all() and fitter.chi_square_of(others) < settings.decisive * fitter.chi_square_of(effects):
+            return True
+    return False
+
+
+def _beyond_plainer(predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect], others: list[Effect]) -> tuple[Array, list[Effect]]:
+    """Torques that `effect` adds beyond the plainer effects that it contains, shape (windows, intervals, joints), and `others` with those at their best."""
+
+    def torques(effects: Sequence[Effect]) -> Array:
+        return np.asarray(predictor.torques(effects) + predictor.bodies.torques(effects))
+
+    without = torques(others)
+    added = torques(effects) - without
+    for name in effect.contains:
+        parameter, bounds = next(iter(CATALOGUE[name].parameters.items()))
+        kin = torques([*others, effect_from_dict({"effect": name, "target": effect.target, parameter: 1.0})]) - without
+        size = (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
+        added = added - size * kin
+        others = [*others, effect_from_dict({"effect": name, "target": effect.target, parameter: max(float(size), bounds.low)})]
+    return added, others

@@ -1,0 +1,65 @@
+"""The model of fewest parameters that no other beats, without effects that it does not need, and with plainer ones where they do as well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mpge_bench.diagnosis.choose.score import is_better
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.hypotheses.candidates import key
+from mpge_bench.envs.effects import Effect
+
+
+def simplest(trials: Trials) -> Model:
+    """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is."""
+    problem = trials.problem
+    best = min(trials.models, key=lambda one: one.held_out)
+    equal = [one for one in trials.models if not is_better(problem, one, best)]
+    chosen = min(equal, key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
+    return _plainer(trials, _needed(trials, chosen))
+
+
+def _needed(trials: Trials, chosen: Model) -> Model:
+    """`chosen` without what was picked up on the way and is needless now."""
+    problem = trials.problem
+    while len(chosen.effects) > 1:
+        fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
+        fitter, known = problem.fitter(chosen.effects), trials.known()
+        for less, _ in trials.polished([effects for effects in fewer if key(effects) not in known and _near(trials, fitter, effects, chosen)]):
+            trials.add(less)
+        known = trials.known()
+        kept = [known[key(effects)] for effects in fewer if key(effects) in known and not is_better(problem, known[key(effects)], chosen)]
+        if not kept:
+            break
+        chosen = min(kept, key=lambda one: one.held_out)
+    return chosen
+
+
+def _near(trials: Trials, fitter: LinearFitter, effects: Sequence[Effect], chosen: Model) -> bool:
+    """Whether `effects` could come near `chosen`, by a fit in the simulator linearised about the latter."""
+    return fitter.chi_square(fitter.fit(effects).cost) < trials.settings.near * max(chosen.train, 1.0)
+
+
+def _plainer(trials: Trials, chosen: Model) -> Model:
+    """`chosen` with an effect's plainer kin in its place, where that predicts as well."""
+    problem = trials.problem
+    starts = {(one.name, one.target): one.starts[0] for one in trials.candidates}
+    fitter: LinearFitter | None = None
+    for effect in chosen.effects:
+        others = [other for other in chosen.effects if other is not effect]
+        for name in effect.plainer():
+            if (name, effect.target) not in starts or any((other.name, other.target) == (name, effect.target) for other in others):
+                continue
+            kin = [*others, starts[name, effect.target]]
+            plain = trials.known().get(key(kin))
+            if plain is None:
+                fitter = fitter or problem.fitter(chosen.effects)
+                if not _near(trials, fitter, kin, chosen):
+                    continue
+                plain = trials.add(trials.converged(*polished(problem, kin))[0])
+            if not is_better(problem, plain, chosen):
+                return _plainer(trials, plain)
+    return chosen

@@ -1,0 +1,114 @@
+"""The models fitted so far, and the means to fit more: the notebook that the parts of this stage share, and nobody else sees."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, label
+from mpge_bench.diagnosis.settings import ChooseSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import parameters_of
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When the search began and when it is to begin nothing new, s of the monotonic clock."""
+
+    begun: float
+    deadline: float
+
+    @property
+    def late(self) -> bool:
+        return time.monotonic() > self.deadline
+
+
+class Trials:
+    """Of one search.
+
+    Attributes:
+        problem: with the noise as it is estimated now.
+        nominal, fitter: the model of no effects under that noise, and its fitter.
+        models: fitted in the simulator so far.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        candidates: Sequence[Candidate],
+        nominal: tuple[Model, LinearFitter],
+        workers: Workers,
+        clock: Clock,
+        advance: Callable[[int], None] = lambda steps: None,
+    ) -> None:
+        self.candidates, self.workers, self.clock = tuple(candidates), workers, clock
+        self._advance = advance
+        self.begin(problem, nominal)
+
+    def begin(self, problem: Problem, nominal: tuple[Model, LinearFitter]) -> None:
+        """Forget all models: they were judged by another noise."""
+        self.problem = problem
+        self.nominal, self.fitter = nominal
+        self.models: list[Model] = [self.nominal]
+
+    @property
+    def settings(self) -> ChooseSettings:
+        return self.problem.settings.choose
+
+    @property
+    def late(self) -> bool:
+        return self.clock.late
+
+    def fitted(self, model: Model) -> Model:
+        """Count `model` as fitted."""
+        values = [[float(f"{value:.4g}") for value in parameters_of(effect)] for effect in model.effects]
+        _log.debug("%s %s: %.4g %.4g (%d)", label(model.effects), values, model.train, model.held_out, model.parameters)
+        self._advance(1)
+        return model
+
+    def add(self, model: Model) -> Model:
+        """Count `model` as fitted and note it as one that may be chosen."""
+        self.models.append(self.fitted(model))
+        return model
+
+    def known(self) -> dict[frozenset[str], Model]:
+        """The last model of each set of effects."""
+        return {one.key: one for one in self.models}
+
+    def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
+        """`work(problem, *shared, item)` for each of `items`, side by side."""
+        return self.workers.each(work, (self.problem, *shared), items)
+
+    def polished(self, sets: Sequence[Sequence[Effect]]) -> list[tuple[Model, LinearFitter]]:
+        """Each set of effects fitted to the end."""
+        return self.each(polished, (), sets)
+
+    def converged(self, model: Model, fitter: LinearFitter) -> tuple[Model, LinearFitter]:
+        """`model` fitted anew about its own fit until that no longer helps."""
+        settings = self.settings
+        evaluations = self.problem.settings.fit.evaluations_polish
+        # One far from the noise is but a step on the way, unless it hides how near it could come.
+        on_the_way = model.train > settings.on_the_way and not any(effect.remembers for effect in model.effects)
+        for _ in range(0 if on_the_way else settings.convergences):
+            if self.late:
+                break
+            if model.train < settings.near:
+                evaluations = 1
+            again = polished(self.problem, model.effects, evaluations=evaluations)
+            gained = model.train - again[0].train
+            if gained > 0:
+                model, fitter = again
+            if gained < settings.converged * model.train:
+                if evaluations == 1:
+                    break
+                evaluations = 1
+        return model, fitter

@@ -1,0 +1,55 @@
+"""Processes that fit models side by side."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from types import TracebackType
+from typing import Any
+
+
+class Workers:
+    """A pool of `jobs` processes, or this process alone if that is 1; closed on leaving the context, whatever is still under way."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin) if jobs > 1 else None
+        if self._pool:
+            # They import while the recordings are smoothed.
+            for _ in range(jobs):
+                self._pool.submit(_warm_up)
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._pool:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
+        """`work(*shared, item)` for each of `items`, in their order; `work` is a function of a module."""
+        if self._pool is None or len(items) < 2:
+            return [work(*shared, item) for item in items]
+        lots = [items[index :: self._jobs] for index in range(self._jobs)]
+        done = [self._pool.submit(_lot, work, shared, lot) for lot in lots if lot]
+        results: dict[int, Any] = {}
+        for index, future in enumerate(done):
+            for place, result in enumerate(future.result()):
+                results[place * self._jobs + index] = result
+        return [results[place] for place in sorted(results)]
+
+
+def _begin() -> None:
+    """A worker leaves Ctrl-C to the process that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
+    return [work(*shared, item) for item in items]
+
+
+def _warm_up() -> None:
+    """Import what fits need."""
+    from mpge_bench.diagnosis.fit import simulator  # noqa: F401

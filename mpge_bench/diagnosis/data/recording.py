@@ -1,0 +1,170 @@
+"""A recording: what the real system did, row by row, checked before anything is concluded from it."""
+
+from __future__ import annotations
+
+import glob
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.settings import DEFAULT, DataSettings
+from mpge_bench.envs.errors import UserError, one_line
+
+Array = npt.NDArray[np.float64]
+
+_PARQUET = (".parquet", ".pq")
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Commands and motion of all joints of a rig; columns in the order of the rig's joints.
+
+    Attributes:
+        path: the file.
+        time: s, shape (rows,), rising.
+        u: commands, N m, N or (position mode) rad, shape (rows, joints); row i acts until row i + 1. Where a column ``enabled_<joint>`` is 0 the motor is
+            off: torque 0, or NaN for a target angle.
+        q: recorded positions, rad or m, same shape.
+        dq: recorded velocities, same shape; NaN in the columns of joints without.
+    """
+
+    path: Path
+    time: Array
+    u: Array
+    q: Array
+    dq: Array
+
+    @property
+    def duration(self) -> float:
+        return float(self.time[-1] - self.time[0])
+
+    def rows(self, chosen: slice) -> Recording:
+        """Part of the recording."""
+        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen])
+
+
+def find_recordings(patterns: Iterable[str]) -> list[Path]:
+    """Files that match the glob patterns, each pattern's sorted by name.
+
+    Raises:
+        UserError: if a pattern matches nothing.
+    """
+    found: list[Path] = []
+    for pattern in patterns:
+        matches = sorted(glob.glob(pattern))
+        if not matches:
+            raise UserError(f"{pattern}: no such recording; give a CSV or Parquet file, or a pattern in quotes such as 'train_*.csv'")
+        found.extend(Path(match) for match in matches if Path(match) not in found)
+    return found
+
+
+def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) -> Recording:
+    """The recording in a CSV or Parquet file.
+
+    Raises:
+        UserError: naming file, column and row (counted from 1, without the header), if a column is missing or of an unknown joint, a value is no finite
+            number, time does not rise, or the recording is too short.
+    """
+    table = _table(path)
+    _check_columns(path, table, rig)
+    values = _columns(path, table, rig)
+    time = values["time"]
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        raise UserError(f"{path}: column time, row {back[0] + 2}: time goes from {time[back[0]]:g} to {time[back[0] + 1]:g} s; it must rise from row to row")
+    if len(time) < settings.fewest_rows or time[-1] - time[0] < settings.shortest:
+        seconds = time[-1] - time[0] if len(time) else 0.0
+        needed = f"at least {settings.fewest_rows} rows and {settings.shortest} s are needed"
+        raise UserError(f"{path}: too short, {len(time)} rows over {seconds:.2f} s; {needed}")
+    for joint in rig.driven:
+        if f"enabled_{joint}" in table.columns:
+            on = _numbers(table[f"enabled_{joint}"]) != 0
+            values[f"u_{joint}"] = np.where(on, values[f"u_{joint}"], np.nan if rig.modes[joint] == "position" else 0.0)
+    nothing = np.zeros(len(time))
+    return Recording(
+        path,
+        time,
+        np.column_stack([values.get(f"u_{joint}", nothing) if joint in rig.driven else nothing for joint in rig.joints]),
+        np.column_stack([values[f"q_{joint}"] for joint in rig.joints]),
+        np.column_stack([values.get(f"dq_{joint}", np.full(len(time), np.nan)) for joint in rig.joints]),
+    )
+
+
+def _needed(rig: Rig) -> list[str]:
+    return ["time", *(f"u_{joint}" for joint in rig.driven), *(f"q_{joint}" for joint in rig.joints)]
+
+
+def _check_columns(path: Path, table: pd.DataFrame, rig: Rig) -> None:
+    for prefix in ("u", "q", "dq"):
+        for column in table.columns:
+            if str(column).startswith(f"{prefix}_") and str(column)[len(prefix) + 1 :] not in rig.joints:
+                raise UserError(f"{path}: column {column} is of a joint that the rig has not; it has {', '.join(rig.joints)}")
+    for column in _needed(rig):
+        if column not in table.columns:
+            raise UserError(f"{path}: no column {column}; a recording of this rig has {', '.join(_needed(rig))} and, if measured, dq_<joint>")
+
+
+def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
+    """The columns that are needed or of use, as finite numbers; velocities may be missing throughout."""
+    values = {}
+    for column in [*_needed(rig), *(f"dq_{joint}" for joint in rig.joints if f"dq_{joint}" in table.columns)]:
+        numbers = _numbers(table[column])
+        bad = np.flatnonzero(~np.isfinite(numbers))
+        if len(bad) and not (column.startswith("dq_") and len(bad) == len(numbers)):
+            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} is not a finite number; mend or cut this row")
+        values[column] = numbers
+    return values
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write `table` to a CSV or, by its name, Parquet file, with all digits, whole or not at all.
+
+    Raises:
+        UserError: if the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        if path.suffix.lower() in _PARQUET:
+            table.to_parquet(partial, index=False)
+        else:
+            table.to_csv(partial, index=False)
+        partial.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror or error}); choose another place with --out") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _numbers(column: pd.Series[Any]) -> Array:
+    """The column's values; NaN where they are no numbers."""
+    if column.dtype.kind in "mM":  # pandas would turn dates into nanoseconds
+        return np.full(len(column), np.nan)
+    try:
+        return np.asarray(pd.to_numeric(column, errors="coerce"), float)
+    except TypeError:  # lists, say
+        return np.full(len(column), np.nan)
+
+
+def _table(path: Path) -> pd.DataFrame:
+    try:
+        if path.suffix.lower() in _PARQUET:
+            return pd.read_parquet(path)
+        with path.open("rb") as file:
+            if b"\0" in file.read(65536):
+                raise UserError(f"{path}: not a CSV file (it holds binary data); a recording is CSV or Parquet with columns time, u_<joint>, q_<joint>")
+        with warnings.catch_warnings():
+            # Rows longer than the header.
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            return pd.read_csv(path, low_memory=False, index_col=False, skipinitialspace=True, float_precision="round_trip")
+    except UserError:
+        raise
+    except Exception as error:  # pandas and pyarrow raise many kinds for what is no table
+        said = one_line(error)[:120]
+        raise UserError(f"{path}: not a readable CSV or Parquet file ({said}); a recording has columns time, u_<joint>, q_<joint>") from error

@@ -1,0 +1,184 @@
+"""Least squares over the parameters of a set of effects, in the linearised simulator."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.diagnosis.hypotheses.nuisances import Nuisances
+from mpge_bench.diagnosis.predict.windows import WindowPredictor
+from mpge_bench.diagnosis.settings import FitSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A set of effects with fitted parameters.
+
+    Attributes:
+        effects: fitted.
+        residuals: measured minus predicted, projected, in units of the noise, shape (windows, rows * channels).
+        jacobian: derivative of the prediction by each parameter, shape (parameters, windows, rows * channels).
+    """
+
+    effects: tuple[Effect, ...]
+    residuals: Array
+    jacobian: Array
+
+    @functools.cached_property
+    def cost(self) -> Array:
+        """Sum of squares of each window."""
+        return np.asarray((self.residuals**2).sum(-1))
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.jacobian)
+
+
+class LinearFitter:
+    """Fits sets of effects to the windows of `predictor`, those marked in `train`.
+
+    Attributes:
+        count: number of measurements in each window that starting states cannot explain, less where the window counts less; shape (windows,).
+        residual: what the base leaves, nuisances forgiven, shape (windows, rows * channels).
+        free: columns of the nuisances that are within their limits, shape (nuisances, windows, rows * channels).
+    """
+
+    def __init__(self, predictor: WindowPredictor, train: npt.NDArray[np.bool_]) -> None:
+        self.predictor, self.train = predictor, train
+        self.base = tuple(predictor.linear.base)
+        self.nuisances = Nuisances(predictor, train)
+        # Less where a window counts less, and what the starting states take.
+        relative = (predictor.weight * np.where(np.isfinite(predictor.sigma), predictor.sigma, 0.0)) ** 2
+        share = 1 - predictor.flow.shape[-1] / np.maximum((relative > 0).sum((1, 2)), 1)
+        self.count: Array = np.maximum(relative.sum((1, 2)) * share, 1e-9)
+        self._raw = predictor.residual()
+        self.residual, self.free = self.nuisances.forgive(self._raw, self.base)
+
+    @property
+    def settings(self) -> FitSettings:
+        return self.predictor.linear.motion.settings.fit
+
+    def knowing(self, free: Array) -> LinearFitter:
+        """The same fitter with other free nuisances, as PyBullet's own predictions tell them."""
+        other = copy.copy(self)
+        other.free = free
+        return other
+
+    def residuals(self, effects: Sequence[Effect]) -> Array:
+        """What `effects`, as they are, leave in the linearised simulator, nuisances forgiven, shape (windows, rows * channels)."""
+        return self.nuisances.forgive(self._raw - self.predictor.change(effects), effects)[0]
+
+    def chi_square(self, cost: Array, windows: npt.NDArray[np.bool_] | slice | None = None) -> float:
+        """Reduced chi-square of the train (or other) windows, robust: the square of the mean over windows of the root mean square in units of the noise's.
+
+        1 where a model is right, and where none is, no few windows on which all go astray decide, as they would in a mean of squares.
+
+        Args:
+            cost: sum of squares of each window, shape (windows,).
+        """
+        windows = self.train if windows is None else windows
+        return float(np.mean(np.sqrt(cost[windows] / self.count[windows])) ** 2)
+
+    def chi_square_of(self, effects: Sequence[Effect]) -> float:
+        """`chi_square` of what `effects`, as they are, leave."""
+        return self.chi_square((self.residuals(effects) ** 2).sum(-1))
+
+    def weights(self, cost: Array) -> Array:
+        """Weights of the windows with which least squares lower the `chi_square`, shape (windows, 1)."""
+        relative = np.maximum(cost / self.count, 1.0)
+        return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** self.settings.robustness)[:, None]
+
+    def standard_errors(self, fit: Fit) -> Array:
+        """Of the parameters, shape (parameters,); windows are the independent pieces of evidence (sandwich estimator)."""
+        if not fit.size:
+            return np.zeros(0)
+        weights = self.weights(fit.cost)
+        jacobian, residuals = (fit.jacobian * weights)[:, self.train], (fit.residuals * weights)[self.train]
+        scores = np.einsum("pwk,wk->pw", jacobian, residuals)
+        flat = jacobian.reshape(fit.size, -1)
+        inverse = np.linalg.pinv(flat @ flat.T, rcond=1e-10)
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(inverse @ (scores @ scores.T) @ inverse), 0.0)))
+
+    def clear(self, values: Array) -> Array:
+        """`values` (..., windows, rows * channels) without their part along the free nuisances."""
+        free = self.free
+        if not len(free):
+            return values
+        along = np.einsum("awk,...wk->...a", free, values)
+        gram = np.einsum("awk,bwk->ab", free, free)
+        return values - np.tensordot(np.linalg.lstsq(gram, along.T, rcond=1e-10)[0].T, free, 1)
+
+    def columns(self, candidate: Candidate, effects: Sequence[Effect] = ()) -> Array:
+        """Changes of the prediction by each start of `candidate` beside `effects`, shape (starts, windows, rows * channels)."""
+        at = self.predictor.change(effects) if effects else 0.0
+        return np.stack([self.predictor.change([*effects, start]) - at for start in candidate.starts])
+
+    def fit(self, effects: Sequence[Effect], *, evaluations: int | None = None) -> Fit:
+        """Least squares over all parameters of `effects`, from their present values.
+
+        Args:
+            evaluations: of the linearised simulator; 1 leaves the parameters where they are.
+        """
+        first, settings = values_of(effects), self.settings
+        evaluations = evaluations or settings.evaluations
+        if not len(first):
+            return Fit(tuple(effects), self.residuals(effects), np.zeros((0, *self._raw.shape)))
+        low, high = limits_of(effects)
+        size = sizes_of(effects)
+        step = np.array([step for effect in effects for step in steps_of(effect)])
+        bounds = (low / size - 1e-9, high / size + 1e-9)
+        z = first / size
+        for _ in range(settings.reweightings if evaluations > 1 else 1):
+            cost = (self.residuals(rebuild(effects, z * size)) ** 2).sum(-1)
+            weights = self.weights(cost)
+
+            def missed(z: Array, weights: Array = weights) -> Array:
+                residuals = self.residuals(rebuild(effects, z * size)) * weights
+                return np.concatenate((residuals[self.train].ravel(), settings.hold * (z - first / size)))
+
+            z = least_squares(missed, z, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=settings.tolerance, ftol=settings.cost_tolerance).x
+            if np.ptp(weights) < settings.reweighted:
+                break
+        return self._at(effects, z, size, step, high)
+
+    def _at(self, effects: Sequence[Effect], z: Array, size: Array, step: Array, high: Array) -> Fit:
+        """The fit with parameters `z` times `size`, differentiated by steps of `step` times `size`."""
+        final = rebuild(effects, z * size)
+        at = self.predictor.change(final)
+        jacobian = []
+        for index in range(len(z)):
+            moved = z.copy()
+            moved[index] += step[index] if moved[index] + step[index] <= high[index] / size[index] else -step[index]
+            jacobian.append((self.predictor.change(rebuild(effects, moved * size)) - at) / ((moved - z)[index] * size[index]))
+        return Fit(tuple(final), self.nuisances.forgive(self._raw - at, final)[0], np.array(jacobian))
+
+    def grow(self, effects: Sequence[Effect], candidate: Candidate) -> Fit:
+        """`effects` and `candidate` fitted, from the start that does best; where that stays far from the noise, from the next best ones, too."""
+        starts, settings = candidate.starts, self.settings
+        if candidate.kind.is_bent():
+            levels = [self.chi_square_of([*effects, start]) for start in starts]
+            order = np.argsort(levels, kind="stable")
+        else:
+            # What it changes is in proportion to its size, so that each start is as good as at its best size.
+            columns = self.clear(self.columns(candidate, effects))[:, self.train].reshape(len(starts), -1)
+            left = self.residuals(effects)[self.train].ravel()
+            order = np.argsort(-((columns @ left) ** 2) / np.maximum((columns**2).sum(1), 1e-12), kind="stable")[:1]
+        best = self.fit([*effects, starts[order[0]]])
+        for index in order[1 : settings.starts]:
+            if self.chi_square(best.cost) > settings.far_start:
+                other = self.fit([*effects, starts[index]], evaluations=settings.evaluations_tried)
+                if self.chi_square(other.cost) < self.chi_square(best.cost):
+                    best = self.fit(other.effects)
+        return best

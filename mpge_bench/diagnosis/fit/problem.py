@@ -1,0 +1,139 @@
+"""What every fit starts from, and a model as it comes out of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.checks import Measurements
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.hypotheses.candidates import key, scales
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.envs.effects import Effect, Scale
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, values_of
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Recordings, the nominal simulator linearised about them, and the windows in which predictions are judged. One travels to every process.
+
+    Attributes:
+        linear: without effects.
+        windows: in which predictions are judged.
+        held_out: which of them are kept from fitting, shape (windows,).
+        sigma: the noise as it is estimated now, shape (2 joints,).
+        horizon: how far ahead predictions are judged, s.
+    """
+
+    measurements: Measurements
+    linear: LinearisedSimulator
+    windows: Windows
+    held_out: npt.NDArray[np.bool_]
+    sigma: Array
+    horizon: float
+
+    @property
+    def rig(self) -> Rig:
+        return self.measurements.rig
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        return self.measurements.recordings
+
+    @property
+    def settings(self) -> DiagnosisSettings:
+        return self.measurements.settings
+
+    @cached_property
+    def torque(self) -> Array:
+        """That the joints work with, N m, shape (joints,)."""
+        return asked_torque(self.linear)
+
+    @cached_property
+    def scales(self) -> dict[str, Scale]:
+        """How large things are at each joint."""
+        return scales(self.linear)
+
+    def fitter(self, effects: tuple[Effect, ...] | list[Effect] = ()) -> LinearFitter:
+        """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
+        linear = rebase(self.linear, effects, self.sigma) if effects else self.linear
+        predictor = WindowPredictor(linear, self.windows, self.sigma)
+        if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:
+            predictor = WindowPredictor(linear, self.windows, self.sigma, consistent=True)
+        return LinearFitter(predictor, ~self.held_out)
+
+
+def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float) -> Problem:
+    """What is to be fitted: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
+    windows = windows_of(linear.motion, horizon)
+    return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A set of effects that was fitted in the simulator, and how well it predicts.
+
+    Attributes:
+        fit: effects and what they leave.
+        train, held_out, overall: `LinearFitter.chi_square` of the train, the held-out and all windows.
+        typical: median over all windows.
+        parameters: how many directions of its parameters the recordings tell.
+        standard_errors: of the parameters, shape (parameters,).
+        interval: how many standard errors a 95% interval is wide, either way.
+    """
+
+    fit: Fit
+    train: float
+    held_out: float
+    overall: float
+    typical: float
+    parameters: int
+    standard_errors: Array
+    interval: float
+
+    @property
+    def unsure(self) -> int:
+        """How many effects might as well not be there, by the 95% intervals of their parameters."""
+        found, at = 0, 0
+        for effect in self.effects:
+            values, neutral = np.array(parameters_of(effect)), np.array(neutrals_of(effect))
+            error = self.standard_errors[at : at + len(values)]
+            found += len(values) > 0 and bool((np.abs(values - neutral) < self.interval * error).all())
+            at += len(values)
+        return found
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return self.fit.effects
+
+    @property
+    def key(self) -> frozenset[str]:
+        return key(self.effects)
+
+
+def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
+    """How well `fit` predicts."""
+    cost = fit.cost
+    size = np.abs(values_of(fit.effects))
+    columns = fit.jacobian.reshape(fit.size, fit.residuals.size) * np.where(size > 0, size, 1.0)[:, None]
+    strength = np.linalg.svd(columns @ columns.T, compute_uv=False) if fit.size else np.zeros(0)
+    return Model(
+        fit,
+        train=fitter.chi_square(cost),
+        held_out=fitter.chi_square(cost, problem.held_out),
+        overall=fitter.chi_square(cost, slice(None)),
+        typical=float(np.median(cost / fitter.count)),
+        parameters=int((strength > problem.settings.fit.told).sum()),
+        standard_errors=fitter.standard_errors(fit),
+        interval=problem.settings.verdict.interval,
+    )

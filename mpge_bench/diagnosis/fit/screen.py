@@ -1,0 +1,111 @@
+"""A look at every candidate's first-order effect: which could explain what a model leaves, and whether anything is there to be explained at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What that look tells.
+
+    Attributes:
+        p_value: probability that the largest of all gains is as large by chance.
+        gains: by what share the sum of squares falls, at most, to first order, by candidate; windows that miss much more than others count less. Of a bent
+            candidate, the fall of the `LinearFitter.chi_square` from one of its starts if that is more.
+    """
+
+    p_value: float
+    gains: dict[Candidate, float]
+
+
+class _Residual:
+    """What a model leaves, with windows that miss much more than others weighted down lest they drown them.
+
+    Attributes:
+        values: shape (windows, rows * channels).
+        noise: its mean square, unweighted.
+    """
+
+    def __init__(self, fitter: LinearFitter, model: Fit) -> None:
+        residual = model.residuals
+        self.noise = max(float(np.mean(residual**2)), 1e-12)
+        weight = 1 / np.sqrt(np.mean(residual**2, axis=1, keepdims=True) + 1e-12)
+        self._weight = np.minimum(weight / np.median(weight), 1.0)
+        self.values = residual * self._weight
+        # What other values of the model's parameters, or nuisances, could explain is nobody else's gain.
+        taken = (np.concatenate((fitter.free, model.jacobian)) * self._weight).reshape(-1, residual.size)
+        length = np.sqrt((taken**2).sum(1, keepdims=True))
+        self._taken = np.linalg.qr((taken / np.where(length > 0, length, 1.0)).T)[0]
+
+    def along(self, columns: Array) -> Array | None:
+        """The residual's parts along the directions that `columns` (columns, windows, rows * channels) span beyond what is taken.
+
+        Returns:
+            Shape (directions, windows); None where there are no such directions.
+        """
+        every = (columns * self._weight).reshape(len(columns), -1)
+        every = every - (every @ self._taken) @ self._taken.T
+        size = np.sqrt((every**2).sum(1))
+        alive = size > 1e-6
+        if not alive.any():
+            return None
+        flat = every[alive] / size[alive, None]
+        values, vectors = np.linalg.eigh(flat @ flat.T)
+        kept = values > 1e-6 * values.max()
+        basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ flat
+        return np.asarray((basis.reshape(len(basis), *self.values.shape) * self.values).sum(-1))
+
+
+def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra: Sequence[Array] = (), *, draws: int | None = None) -> Screening:
+    """Which candidates could explain what `model` leaves, and whether anything at all is there to be explained.
+
+    Each candidate's gain is that of a linear regression of the residual on its columns. The test's statistic is the largest of all candidates' gains, each
+    turned into a probability; its distribution under no effect comes from giving every window's residual a random sign (wild bootstrap), which keeps whatever
+    the noise is like within a window.
+
+    Args:
+        extra: columns of further, nameless candidates (curves), each of shape (columns, windows, rows * channels).
+        draws: of the wild bootstrap.
+    """
+    residual = _Residual(fitter, model)
+    draws = draws or fitter.settings.draws
+    flips = np.random.default_rng(0).choice([-1.0, 1.0], (draws, residual.values.shape[0]))
+    gains = {}
+    top, top_drawn = 0.0, np.zeros(draws)
+    options: list[Candidate | Array] = [*chosen, *extra]
+    for candidate in options:
+        columns = fitter.columns(candidate, model.effects) if isinstance(candidate, Candidate) else candidate
+        parts = residual.along(columns)
+        if parts is None:
+            continue
+        gain = float((parts.sum(1) ** 2).sum())
+        drawn = ((flips @ parts.T) ** 2).sum(1)
+        spread = float(drawn.mean()) / len(parts) if drawn.mean() > 0 else residual.noise
+        score = -stats.chi2.logsf(gain / spread, len(parts)) / np.log(10)
+        top = max(top, score)
+        top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(parts)) / np.log(10))
+        if isinstance(candidate, Candidate):
+            gains[candidate] = gain / float((residual.values**2).sum())
+            if candidate.kind.is_bent():
+                # What acts on few windows only, as a limit that is seldom reached, shows in these.
+                least = min(fitter.chi_square(((model.residuals - column) ** 2).sum(-1)) for column in columns)
+                gains[candidate] = max(gains[candidate], 1 - least / fitter.chi_square(model.cost))
+    return Screening(_p_value(top, top_drawn), gains)
+
+
+def _p_value(top: float, drawn: Array) -> float:
+    """Probability of a maximum as large as `top`, by the `drawn` ones; beyond them maxima fall off as 10^-score."""
+    exceeding = int((drawn >= top).sum())
+    p_value = (1 + exceeding) / (1 + len(drawn))
+    return p_value if exceeding else min(p_value, float(10 ** -(top - np.quantile(drawn, 0.5)) * 0.5))

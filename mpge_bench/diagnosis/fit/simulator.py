@@ -1,0 +1,153 @@
+"""Models refined by prediction in PyBullet itself, with the linearised simulator's derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model, Problem, judged
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, values_of
+from mpge_bench.envs.errors import UserError
+
+Array = npt.NDArray[np.float64]
+
+
+def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | None = None) -> tuple[Model, LinearFitter]:
+    """The best parameters of `effects`, with the simulator linearised about them, and that fitter.
+
+    Args:
+        evaluations: of the linearised simulator in fitting, before PyBullet's own predictions take over; 1 leaves the parameters to the latter.
+    """
+    settings = problem.settings.fit
+    try:
+        fitter = problem.fitter(tuple(effects))
+    except np.linalg.LinAlgError:
+        # Parameters under which the linearised simulator flies apart are no candidates.
+        fitter = problem.fitter()
+        residuals = np.full(fitter.residual.shape, settings.unstable)
+        return judged(problem, fitter, Fit(tuple(effects), residuals, np.zeros((len(values_of(effects)), *residuals.shape)))), fitter
+    fit = fitter.fit(effects, evaluations=evaluations or settings.evaluations_polish)
+    return finished(problem, fitter, fit, settings.iterations_polish)
+
+
+def nominal(problem: Problem) -> tuple[Model, LinearFitter]:
+    """The model of no effects, and its fitter."""
+    fitter = problem.fitter()
+    nothing = Fit((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
+    return finished(problem, fitter, nothing, problem.settings.fit.iterations_nominal)
+
+
+def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
+    """`fit` refined a little."""
+    best = _refined(problem, fitter, fit, problem.settings.fit.iterations)
+    return judged(problem, fitter, Fit(best.effects, best.residuals, fit.jacobian))
+
+
+def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> tuple[Model, LinearFitter]:
+    """`fit` refined to the end, the error of the physics step taken from PyBullet, too; and the fitter that knows that."""
+    best = _refined(problem, fitter, fit, iterations)
+    residuals, free = _stepped(problem, fitter, best, fit.jacobian)
+    return judged(problem, fitter, Fit(best.effects, residuals, fit.jacobian)), fitter.knowing(free)
+
+
+@dataclass(frozen=True)
+class _Refined:
+    """Effects, what they leave in PyBullet's own prediction, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
+
+    effects: tuple[Effect, ...]
+    residuals: Array
+    starts: Array
+    chi_square: float
+
+
+def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> _Refined:
+    """Gauss-Newton on parameters and starting states, with the predictions of PyBullet and the derivatives of the linearised simulator."""
+    settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
+    effects = fit.effects
+    starts = predictor.state[:, 0]
+    best: _Refined | None = None
+    for iteration in range(iterations + 1):
+        predicted = predictions(problem, predictor.linear, effects, starts)
+        if predicted is None:
+            break
+        error = predictor.measured - predicted
+        residuals = fitter.nuisances.forgive(predictor.project(error), effects)[0]
+        if best is not None:
+            # Where a new starting state made it worse, as it may where the motion is chaotic, the old one was better.
+            worse = (residuals**2).sum(1) > settings.worse * (best.residuals**2).sum(1)
+            starts = np.where(worse[:, None], best.starts, starts)
+            if not fit.size:
+                residuals = np.where(worse[:, None], best.residuals, residuals)
+        chi_square = fitter.chi_square((residuals**2).sum(-1))
+        gained = np.inf if best is None else best.chi_square - chi_square
+        if gained > 0:
+            best = _Refined(tuple(effects), residuals, starts, chi_square)
+        if gained < settings.gained * chi_square or iteration == iterations:
+            break
+        starts = starts + predictor.starts(error)
+        if fit.size:
+            weights = fitter.weights((residuals**2).sum(-1))
+            # By shares of the parameters' sizes: what the recordings do not tell stays where it is.
+            size = sizes_of(effects)
+            jacobian = (fit.jacobian * weights)[:, train].reshape(fit.size, -1).T * size
+            step = np.linalg.lstsq(jacobian, (residuals * weights)[train].ravel(), rcond=settings.rank)[0] * size
+            effects = tuple(rebuild(effects, np.clip(values_of(effects) + step, *limits_of(effects))))
+    # Parameters under which the simulation flies apart are no candidates.
+    return best or _Refined(fit.effects, np.full(fitter.residual.shape, settings.unstable), starts, np.inf)
+
+
+def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: Array) -> tuple[Array, Array]:
+    """What is left of `best` when the error of the physics step, as PyBullet has it, is forgiven; and the nuisances that are then within their limits."""
+    settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
+    residuals, free, starts = best.residuals, fitter.free, best.starts
+    least = np.inf
+    # The physics step is nothing to a model that misses much more than the noise, and once is enough for one that is at it.
+    for index in range(settings.step_passes if best.chi_square < settings.step_matters else 0):
+        if index and least < settings.clean:
+            break
+        coarse, fine = (predictions(problem, predictor.linear, best.effects, starts, parts) for parts in (1, 2))
+        if coarse is None or fine is None:
+            break
+        raw, halved = predictor.project(predictor.measured - coarse), predictor.project(fine - coarse)
+        forgiven, inside = fitter.nuisances.forgive(raw, best.effects, halved, jacobian)
+        chi_square = fitter.chi_square((forgiven**2).sum(-1))
+        if chi_square >= least:
+            break
+        residuals, free, least = forgiven, inside, chi_square
+        # With another physics step other starting states are best: those for the step that the recordings ask for.
+        share = float(np.clip((raw * halved)[train].sum() / max(float((halved[train] ** 2).sum()), 1e-12), *settings.step_share))
+        starts = starts + predictor.starts(predictor.measured - coarse - share * (fine - coarse))
+    return residuals, free
+
+
+def predictions(problem: Problem, linear: LinearisedSimulator, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
+    """PyBullet's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
+
+    Hidden states are warmed up along the reference of `linear`.
+    """
+    windows, motion = problem.windows, linear.motion
+    found = np.empty((len(windows.start), windows.length + 1, starts.shape[-1]))
+    references = [_reference(problem, linear, r) for r in range(len(problem.recordings))]
+    rig = replace(problem.rig, timestep=problem.rig.timestep / parts)
+    try:
+        predictor = BulletPredictor(rig, effects, problem.settings)
+        for index, (r, k) in enumerate(zip(windows.recording, windows.start, strict=True)):
+            rows = np.arange(k, k + windows.length + 1) * motion.stride
+            found[index] = predictor.run(problem.recordings[r], int(rows[0]), rows, starts[index], references[r])
+    except UserError:
+        return None
+    return found
+
+
+def _reference(problem: Problem, linear: LinearisedSimulator, r: int) -> Array:
+    """Reference of recording `r` at every row of the file, shape (rows, 2 joints)."""
+    motion = linear.motion
+    rows = int(motion.rows[r])
+    return np.column_stack([np.interp(problem.recordings[r].time, motion.time[r, :rows], column) for column in motion.state[r, :rows].T])

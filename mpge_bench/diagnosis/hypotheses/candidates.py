@@ -1,0 +1,100 @@
+"""Which effects of the catalogue could be at work in a rig, and how large things are where they are looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.smooth import asked_torque
+from mpge_bench.envs.effects import CATALOGUE, Effect, Scale
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be at work, with the parameter values from which its fit starts."""
+
+    name: str
+    target: str
+    starts: tuple[Effect, ...]
+
+    @property
+    def label(self) -> str:
+        return f"{self.name}:{self.target}"
+
+    @property
+    def kind(self) -> type[Effect]:
+        return type(self.starts[0])
+
+
+def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
+    """Every effect of the catalogue that is searched for, on everything in `rig` that it could act on."""
+    found = []
+    for name, kind in CATALOGUE.items():
+        for target in candidate_targets(rig, name):
+            starts = tuple(kind(target, **start) for start in kind.starts(scales[carrier(rig, target)]))
+            if starts:
+                found.append(Candidate(name, target, starts))
+    return found
+
+
+def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
+    """What effect `name` of the catalogue could act on in `rig`."""
+    kind = CATALOGUE[name]
+    if kind.on == "world":
+        return ("world",)
+    if kind.on == "link":
+        return rig.model.moving_links()
+    return rig.driven if kind.needs_motor else rig.joints
+
+
+def carrier(rig: Rig, target: str) -> str:
+    """The joint whose scale an effect on `target` goes by: itself, or the one that carries the link."""
+    return target if target in rig.joints else rig.joints[0] if target in ("world", "*") else rig.model.carriers(target)[-1]
+
+
+def label(effects: Sequence[Effect]) -> str:
+    """The effects' names and targets, for people."""
+    return " + ".join(f"{effect.name}:{effect.target}" for effect in effects) or "nothing"
+
+
+def key(effects: Sequence[Effect]) -> frozenset[str]:
+    """The effects' names and targets, whatever their order and parameters."""
+    return frozenset(f"{effect.name}:{effect.target}" for effect in effects)
+
+
+def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
+    """How large things are at each joint, along the reference motion."""
+    rig, motion = linear.rig, linear.motion
+    least = motion.settings.hypotheses
+    inertia, torque = np.mean(np.diagonal(linear.inertia, axis1=-2, axis2=-1), (0, 1)), asked_torque(linear)
+    valid = motion.valid()
+    q, dq = motion.layout.q(motion.state[valid]), motion.layout.dq(motion.state[valid])
+    u = motion.u[valid]
+    found = {}
+    for column, joint in enumerate(rig.joints):
+        command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
+        links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
+        mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
+        length = max(float(np.linalg.norm(centre)), least.least_length)
+        # A root mean square over a still joint would be 0 and its curves would have no width.
+        size = max(float(np.sqrt(np.mean(command**2))), float(torque[column]), least.least_torque)
+        found[joint] = Scale(
+            torque=size,
+            limit=max(float(np.abs(command).max()), float(torque[column]), least.least_torque),
+            speed=max(float(np.sqrt(np.mean(dq[:, column] ** 2))), least.least_motion),
+            top_speed=max(float(np.abs(dq[:, column]).max()), least.least_motion),
+            angle=max(float(np.std(q[:, column])), least.least_motion),
+            inertia=float(inertia[column]),
+            mass=mass,
+            length=length,
+            period=float(np.median(np.diff(motion.time[0, : motion.rows[0]]))),
+            gravity=rig.gravity,
+        )
+    return found

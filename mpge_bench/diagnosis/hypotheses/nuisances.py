@@ -1,0 +1,92 @@
+"""What simulators do differently, which is nobody's fault: nuisance parameters within limits, forgiven before anything is judged.
+
+They are the error of the physics step, damping worked out implicitly, which acts like an inertia of damping × step, the turning point of dry friction, and
+when within a physics step a motor with a hidden state gets its command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import lsq_linear
+
+from mpge_bench.diagnosis.predict.windows import WindowPredictor
+from mpge_bench.diagnosis.settings import HypothesisSettings
+from mpge_bench.envs.effects import Armature, Delay, Effect
+
+Array = npt.NDArray[np.float64]
+
+
+class Nuisances:
+    """The nuisance parameters of `predictor`, fitted on the windows marked in `train`."""
+
+    def __init__(self, predictor: WindowPredictor, train: npt.NDArray[np.bool_]) -> None:
+        self._predictor, self._train = predictor, train
+        base, rig = predictor.linear.base, predictor.linear.rig
+        settings = self.settings
+        self._columns, self._limits = [predictor.project(predictor.halved_error)], [settings.step_error]
+        for effect in rig.chain(base):
+            if effect.implicit_damping > 0:
+                self._columns.append(predictor.change([*base, Armature(effect.target, effect.implicit_damping * rig.timestep)]))
+                self._limits.append(settings.implicit_damping)
+
+    @property
+    def settings(self) -> HypothesisSettings:
+        return self._predictor.linear.motion.settings.hypotheses
+
+    def forgive(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None, jacobian: Array | None = None) -> tuple[Array, Array]:
+        """`residual` without what nuisances explain of it within their limits, and the columns of those that are within them.
+
+        Args:
+            residual: shape (windows, rows * channels).
+            effects: of the model that leaves it.
+            halved: how the prediction changes with half the physics step, if that is known better than from the linearised simulator.
+            jacobian: if given, motors with a hidden state are also forgiven a physics step of delay, and the parameters' answer to it. For judging, not for
+                fitting: the parameters would be blurred by it.
+        """
+        settings = self.settings
+        lead = self._friction_lead(effects)
+        later = [] if jacobian is None else self._motor_delays(effects)
+        limits = [*self._limits, *([] if lead is None else [settings.friction_lead])]
+        if later and jacobian is not None:
+            size = np.sqrt((jacobian**2).sum((1, 2), keepdims=True))
+            limits += [settings.motor_step] * len(later) + [(-np.inf, np.inf)] * len(jacobian)
+            later = [*later, *(jacobian / np.where(size > 0, size, 1.0))]
+        columns = np.array([self._columns[0] if halved is None else halved, *self._columns[1:], *([] if lead is None else [lead]), *later])
+        bounds = np.array(limits)
+        sizes = self._bounded(columns, residual, bounds, exact=bool(later))
+        inside = (sizes > bounds[:, 0]) & (sizes < bounds[:, 1])
+        return residual - np.tensordot(sizes, columns, 1), columns[inside]
+
+    def _bounded(self, columns: Array, residual: Array, bounds: Array, *, exact: bool) -> Array:
+        """Least squares within bounds on the train windows; `exact`, or by coordinate descent, which is enough for a handful of unknowns."""
+        fitted = columns[:, self._train].reshape(len(columns), -1)
+        gram, right = fitted @ fitted.T, fitted @ residual[self._train].ravel()
+        if exact:
+            root = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)))
+            return np.asarray(lsq_linear(root.T, np.linalg.solve(root, right), bounds.T).x)
+        sizes = np.zeros(len(right))
+        for _ in range(self.settings.descents):
+            for index in range(len(sizes)):
+                rest = right[index] - gram[index] @ sizes + gram[index, index] * sizes[index]
+                sizes[index] = np.clip(rest / max(gram[index, index], 1e-12), *bounds[index])
+        return sizes
+
+    def _friction_lead(self, effects: Sequence[Effect]) -> Array | None:
+        """How the prediction changes, projected, if dry friction turns round earlier than the velocity does; None if there is none."""
+        predictor = self._predictor
+        if not any(effect.rubs for effect, _ in predictor.linear.chain(effects)):
+            return None
+        return predictor.project(predictor.propagate(predictor.torques(effects, predictor.settings.lead) - predictor.torques(effects)))
+
+    def _motor_delays(self, effects: Sequence[Effect]) -> list[Array]:
+        """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""
+        predictor, rig = self._predictor, self._predictor.linear.rig
+        slow = {effect.target for effect in rig.chain(effects) if effect.remembers}
+        slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
+        if not slow:
+            return []
+        now = predictor.torques(effects)
+        return [predictor.project(predictor.propagate(predictor.torques([*effects, Delay(joint, rig.timestep)]) - now)) for joint in sorted(slow)]

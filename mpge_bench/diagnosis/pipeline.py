@@ -1,0 +1,134 @@
+"""From a rig and recordings to a verdict: the stages in their order, each from a frozen value to a frozen value.
+
+data -> predict -> hypotheses -> fit -> choose -> verdict -> report
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import yaml
+
+from mpge_bench.diagnosis.choose.choice import choose
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
+from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.report.page import report_html
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.diagnosis.verdict.conclude import conclude
+from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.envs.effects import Effect
+
+
+class Progress(Protocol):
+    """Where the diagnosis says how far it is."""
+
+    def stage(self, name: str, steps: int) -> None: ...
+    def advance(self, steps: int) -> None: ...
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What `diagnose` found.
+
+    Attributes:
+        result: what is said.
+        effects: chosen, with fitted parameters.
+        corrected: the content of corrected.yaml, its robot path absolute.
+    """
+
+    result: DiagnosisResult
+    effects: tuple[Effect, ...]
+    corrected: dict[str, Any]
+
+    @property
+    def summary(self) -> tuple[str, ...]:
+        """The verdict in plain lines."""
+        return self.result.summary
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """As in diagnosis.json."""
+        return self.result.to_json()
+
+
+def diagnose(
+    rig: Rig,
+    recordings: Sequence[Recording],
+    *,
+    horizon: float = DEFAULT.predict.horizon,
+    seconds: float | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    settings: DiagnosisSettings = DEFAULT,
+) -> Diagnosis:
+    """Compare `rig` with `recordings`: locate the mismatch, choose the effects that explain it, judge the confidence.
+
+    Args:
+        horizon: how far ahead predictions are judged, s.
+        seconds: time budget; the best answer so far is given when it is up.
+        jobs: processes.
+
+    Raises:
+        UserError: if the nominal simulation is unstable.
+    """
+    begun = time.monotonic()
+    clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
+    measured = measurements(rig, recordings, settings)
+    simulate(rig, measured.recordings[0], horizon, settings=settings)  # an unstable one is refused before anything is searched
+    if progress:
+        progress.stage("fitting models", 0)
+    with Workers(jobs) as workers:
+        linear = reference(rig, measured.recordings, settings)
+        options = candidates(rig, scales(linear))
+        posed = problem(measured, linear, horizon)
+        choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
+        result = conclude(choice, clock)
+    effects = choice.chosen.effects
+    return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))
+
+
+def diagnose_files(
+    rig_path: Path,
+    patterns: Sequence[str],
+    out: Path,
+    *,
+    horizon: float = DEFAULT.predict.horizon,
+    seconds: float | None = None,
+    jobs: int = 2,
+    progress: Progress | None = None,
+    settings: DiagnosisSettings = DEFAULT,
+) -> Diagnosis:
+    """`diagnose` on files; writes diagnosis.json, report.html and corrected.yaml to `out`, all at the end and each at once.
+
+    Raises:
+        UserError: if a file cannot be used; nothing has been written then.
+    """
+    rig = read_rig(rig_path)
+    recordings = read_recordings(find_recordings(patterns), rig, settings.data)
+    found = diagnose(rig, recordings, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, settings=settings)
+    out.mkdir(parents=True, exist_ok=True)
+    robot = os.path.relpath(rig.model.path.resolve(), out.resolve())
+    texts = {
+        "report.html": report_html(found.result),
+        "corrected.yaml": yaml.safe_dump({**found.corrected, "robot": robot}, sort_keys=False),
+        "diagnosis.json": json.dumps(found.data, indent=1),
+    }
+    for name, text in texts.items():
+        part = out / f".{name}.part"
+        part.write_text(text, "utf-8")
+        part.replace(out / name)
+    return found

@@ -1,0 +1,57 @@
+"""What bodies, gravity and constant forces ask of the joints, as columns over the bodies' parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.envs.dynamics import Tree, body_parameters
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+
+
+class BodyRegressor:
+    """What bodies, gravity and constant forces ask of the joints along a motion, linear in the bodies' parameters.
+
+    Args:
+        linear: gives the base that changes are counted from.
+        states, accelerations: of the motion, shapes (..., 2 joints) and (..., joints).
+    """
+
+    def __init__(self, linear: LinearisedSimulator, states: Array, accelerations: Array) -> None:
+        self._linear, self._accelerations = linear, accelerations
+        tree = Tree(linear.model, linear.rig.joints)
+        layout = linear.motion.layout
+        q = layout.q(states)
+        still = np.zeros_like(q)
+        self._columns = tree.columns(q, layout.dq(states), accelerations, linear.gravity)
+        self._base = {link: body_parameters(*linear.model.inertial(link)) for link in self._columns}
+        # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
+        pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
+        self._gravity = np.stack([sum(pull[link] @ self._base[link] for link in pull) for pull in pulls], -1)
+        self._forces = {link: np.stack([-pull[link][..., :4] @ np.append(1.0, linear.model.inertial(link)[1]) for pull in pulls], -1) for link in self._columns}
+
+    def torques(self, effects: Sequence[Effect]) -> Array:
+        """Joint torques, shape (..., joints), that `effects` ask for less than the base does: what they add to the motors'."""
+        linear = self._linear
+        rig = linear.rig
+        model = rig.changed(effects)
+        added = np.zeros(self._accelerations.shape)
+        for link, columns in self._columns.items():
+            change = body_parameters(*model.inertial(link)) - self._base[link]
+            if change.any():
+                added -= columns @ change
+        for sign, forces in ((1.0, model.forces), (-1.0, linear.model.forces)):
+            for link, force in forces:
+                added += sign * (self._forces[link] @ force)
+        gravity = np.array(model.gravity or rig.gravity)
+        if (gravity != linear.gravity).any():
+            added -= self._gravity @ (gravity - linear.gravity)
+        for joint, inertia in enumerate(rig.rotors(effects) - linear.rotors):
+            if inertia:
+                added[..., joint] -= inertia * self._accelerations[..., joint]
+        return added

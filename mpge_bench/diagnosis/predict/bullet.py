@@ -1,0 +1,153 @@
+"""Prediction in PyBullet itself: from a recorded state, under the recording's own commands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+from mpge_bench.diagnosis.data.checks import trusted
+from mpge_bench.diagnosis.data.motion import differentiate
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.world import World
+
+Array = npt.NDArray[np.float64]
+
+
+class BulletPredictor:
+    """`rig` with `effects` in PyBullet, to be set to a recorded state and run along a recording.
+
+    Raises:
+        UserError: if an effect names a joint or link the rig has not.
+    """
+
+    def __init__(self, rig: Rig, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> None:
+        self.rig, self._settings, self._layout = rig, settings.predict, rig.layout
+        self._chain = rig.chain(effects)
+        for effect in self._chain:
+            if effect.on == "sensor" and effect.target not in rig.joints:
+                raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the rig has {', '.join(rig.joints)}")
+        self._sensors = [(effect, rig.joints.index(effect.target)) for effect in self._chain if effect.on == "sensor"]
+        self._looks_back = sum(effect.looks_back or 0.0 for effect in self._chain)
+        self._remembers = any(effect.remembers for effect in self._chain)
+        moving = [effect for effect in effects if effect.on != "sensor"]
+        self._effects = moving
+        self._worlds: dict[int, World] = {}
+
+    def start(self, recording: Recording, smooth: tuple[Array, Array]) -> Array:
+        """True states that the recorded ones stand for, shape (rows, 2 joints): sensors' effects undone, velocities from `smooth` where none were recorded."""
+        q = recording.q.copy()
+        dq = np.where(np.isfinite(recording.dq), recording.dq, smooth[1])
+        for effect, joint in reversed(self._sensors):
+            effect.unsense(q, dq, joint)
+            if effect.looks_back is not None:
+                time, later = recording.time, recording.time + effect.looks_back
+                known = np.minimum(later, time[-1])
+                # Beyond the end it goes on as it was going.
+                q[:, joint] = CubicHermiteSpline(time, q[:, joint], dq[:, joint])(known) + (later - known) * dq[-1, joint]
+                dq[:, joint] = CubicSpline(time, dq[:, joint])(known)
+        return self._layout.state(q, dq)
+
+    def run(self, recording: Recording, first: int, rows: npt.NDArray[np.int64], state: Array, smooth: Array) -> Array:
+        """What the sensors would read at `rows` if the mechanism were in `state` at row `first`.
+
+        Args:
+            rows: indices of rows from `first` on, rising.
+            state: q and dq, shape (2 joints,).
+            smooth: true q and dq along the whole recording, shape (rows, 2 joints), on which hidden states are warmed up and late sensors look back.
+
+        Returns:
+            q and dq, shape (len(rows), 2 joints).
+        """
+        time, dt, layout = recording.time, self.rig.timestep, self._layout
+        until = time[rows[-1]] - time[first]
+        many = self._steps_a_row(time[first : rows[-1] + 1])
+        world = self._world(many or 1)
+        world.set_state(layout.q(state), layout.dq(state))
+        if self._remembers:
+            self._warm_up(world, recording, first, smooth)
+        if many:
+            q, dq = world.roll(recording.u[first : rows[-1]])
+        else:
+            at = time[first] + (np.arange(int(np.ceil(until / dt - 1e-6))) + 0.5) * dt
+            row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
+            q, dq = world.roll(recording.u[row])
+        path = np.concatenate((state[None], layout.state(q, dq)))
+        if not np.isfinite(path).all() or np.abs(layout.dq(path)).max() > self._settings.unstable:
+            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in the rig")
+        path = self._sensed(path, recording, first, smooth, (many or 1) * dt)
+        if many:
+            return path[rows - first]
+        place = (time[rows] - time[first]) / dt
+        left = np.minimum(np.floor(place + 1e-9).astype(int), len(path) - 2)
+        share = (place - left)[:, None]
+        # The physics step moves q with the velocity at its end, so straight lines join what it computes.
+        between: Array = path[left] + share * (path[left + 1] - path[left])
+        return between
+
+    def _steps_a_row(self, time: Array) -> int:
+        """How many physics steps there are from each row to the next; 0 if that is no whole number or not the same throughout."""
+        dt, count = self.rig.timestep, len(time) - 1
+        many = round(float((time[-1] - time[0]) / max(count, 1)) / dt)
+        even = many > 0 and bool(np.all(np.abs(time - time[0] - np.arange(count + 1) * many * dt) < self._settings.even * dt))
+        return many if even else 0
+
+    def _world(self, substeps: int) -> World:
+        if substeps not in self._worlds:
+            self._worlds[substeps] = self.rig.world(self._effects, substeps=substeps)
+        return self._worlds[substeps]
+
+    def _sensed(self, path: Array, recording: Recording, first: int, smooth: Array, step: float) -> Array:
+        """What the sensors read of `path`, shape (steps, 2 joints), that begins at row `first`."""
+        layout = self._layout
+        start = recording.time[first]
+        count = min(int(np.ceil(self._looks_back / step)), int((start - recording.time[0]) / step + 1e-6))
+        at = start - step * np.arange(count, 0, -1)
+        seen = np.concatenate((np.column_stack([np.interp(at, recording.time, column) for column in smooth.T]), path))
+        for effect, joint in self._sensors:
+            effect.sense(layout.q(seen), layout.dq(seen), joint, step)
+        return seen[count:]
+
+    def _warm_up(self, world: World, recording: Recording, first: int, smooth: Array) -> None:
+        dt, layout = self.rig.timestep, self._layout
+        start = recording.time[first]
+        begin = max(recording.time[0], start - self._settings.warm_up)
+        count = round((start - begin) / dt)
+        if count == 0:
+            return
+        at = start - dt * np.arange(count, 0, -1)
+        row = np.clip(np.searchsorted(recording.time, at + 0.5 * dt, side="right") - 1, 0, None)
+        motion = np.column_stack([np.interp(at, recording.time, column) for column in smooth.T])
+        world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
+
+
+def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> Recording:
+    """The recording as `rig` with `effects` predicts it, restarted from the recorded state every `horizon` seconds.
+
+    Raises:
+        UserError: if the simulation becomes unstable.
+    """
+    predictor = BulletPredictor(rig, effects, settings)
+    (recording,), _ = trusted([recording], rig, settings.data)
+    q, dq, _ = differentiate(recording, settings.data)
+    starts = predictor.start(recording, (q, dq))
+    smooth = predictor.start(replace(recording, q=q, dq=dq), (q, dq))
+    layout = rig.layout
+    result = np.empty((len(recording.time), layout.nq + layout.nv))
+    first = 0
+    while first < len(recording.time):
+        end = int(np.searchsorted(recording.time, recording.time[first] + horizon - 1e-6))
+        end = min(max(end, first + 1), len(recording.time))
+        if end - first > 1:
+            result[first:end] = predictor.run(recording, first, np.arange(first, end), starts[first], smooth)
+        else:
+            result[first] = np.concatenate((recording.q[first], np.where(np.isfinite(recording.dq[first]), recording.dq[first], dq[first])))
+        first = end
+    return Recording(recording.path, recording.time, recording.u, layout.q(result), layout.dq(result))

@@ -1,0 +1,160 @@
+"""The simulator linearised about the recorded motion, from which all cheap multi-step prediction comes.
+
+About a reference motion x = (q, dq) that lies close to what was recorded, the simulator's error e after row k follows
+
+    e[k + 1] = A[k] e[k] + d[k] + G[k] (f[k] - f_base[k])
+
+where d is what the simulator misses the reference by in one row, f the mean joint torque over the row under a set of effects, worked out along the
+reference by the effects' own laws, and A, G come from PyBullet's mass matrix and inverse dynamics. Second order in e only, and e is small: so a
+whole search over effects costs milliseconds a model. The survivors are then fitted in the simulator itself (`bullet.py`).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+
+from mpge_bench.diagnosis.data.motion import Motion
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.torques import joint_torques
+from mpge_bench.diagnosis.settings import PredictSettings
+from mpge_bench.envs.dynamics import Tree
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+
+
+class LinearisedSimulator:
+    """The simulator with `base` effects, linearised about the reference of `motion`.
+
+    Attributes:
+        motion: the reference.
+        defects: d above, shape (r, k, 2 j).
+        inertia: mass matrices, shape (r, k, j, j).
+    """
+
+    def __init__(self, rig: Rig, motion: Motion, base: Sequence[Effect] = ()) -> None:
+        self.rig, self.base = rig, tuple(base)
+        #: The bodies under the base's effects, gravity, and the rotors' inertias by joint.
+        self.model = rig.changed(base)
+        self.gravity = np.array(self.model.gravity or rig.gravity)
+        self.rotors = np.array(rig.rotors(base))
+        still = np.zeros(len(rig.joints))
+        #: What each joint offers to a torque at zero, kg m².
+        self.offered = 1 / np.diagonal(np.linalg.inv(Tree(self.model, rig.joints).mass_matrix(still) + np.diag(self.rotors)))
+        self._index = {joint: column for column, joint in enumerate(rig.joints)}
+        self.motion = motion
+        self._linearise()
+        self._find_defects()
+
+    def chain(self, effects: Sequence[Effect]) -> list[tuple[Effect, int]]:
+        """The laws between command and joint under the rig's own and further `effects`."""
+        return [(effect, self._index[effect.target]) for effect in self.rig.chain(effects) if effect.on == "joint"]
+
+    def torques(self, effects: Sequence[Effect]) -> Array:
+        """Mean torque of each row's interval under `effects` along the whole reference, shape (r, k, j)."""
+        motion = self.motion
+        count, rows, steps, n = motion.u.shape
+        q, dq = motion.fine()
+        flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
+        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, inertia=self.offered)
+        return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
+
+    @property
+    def settings(self) -> PredictSettings:
+        return self.motion.settings.predict
+
+    def _linearise(self) -> None:
+        motion, layout = self.motion, self.motion.layout
+        tree = Tree(self.model, self.rig.joints)
+        following, intervals = motion.following(), motion.intervals()
+        # At the middle of each row, so that what a row does is right to second order in its length.
+        middle = (motion.state + following) / 2
+        q, dq = layout.q(middle), layout.dq(middle)
+        h = np.where(intervals > 0, intervals, 1.0)[..., None]
+        ddq = layout.ddx(following - motion.state) / h
+        self.inertia = tree.mass_matrix(q) + np.diag(self.rotors)
+        stiffness, damping = self._bodies_answer(tree, q, dq, ddq)
+        for joint, (by_q, by_dq) in enumerate(self._motors_answer()):
+            stiffness[..., joint, joint] -= by_q
+            damping[..., joint, joint] -= by_dq
+        inverse = np.linalg.inv(self.inertia)
+        n = layout.nv
+        system = np.zeros((*intervals.shape, 3 * n, 3 * n))
+        system[..., :n, n : 2 * n] = np.eye(n)
+        system[..., n : 2 * n, :n] = -inverse @ stiffness
+        system[..., n : 2 * n, n : 2 * n] = -inverse @ damping
+        system[..., n : 2 * n, 2 * n :] = inverse
+        flow = expm(system * intervals[..., None, None])
+        self.a, self.g = flow[..., : 2 * n, : 2 * n], flow[..., : 2 * n, 2 * n :]
+
+    def _bodies_answer(self, tree: Tree, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
+        """Derivatives of the torques that the motion asks for by q and by dq, shape (r, k, j, j)."""
+        n, small = q.shape[-1], self.settings.difference
+        at = tree.inverse_dynamics(q, dq, ddq, self.gravity)
+        stiffness, damping = np.zeros((*q.shape, n)), np.zeros((*q.shape, n))
+        for joint, unit in enumerate(small * np.eye(n)):
+            stiffness[..., joint] = (tree.inverse_dynamics(q + unit, dq, ddq, self.gravity) - at) / small
+            damping[..., joint] = (tree.inverse_dynamics(q, dq + unit, ddq, self.gravity) - at) / small
+        return stiffness, damping
+
+    def _motors_answer(self) -> Iterator[tuple[Array, Array]]:
+        """Of each joint: what the motor, where it answers at once, answers to a deviation of its own q and dq, shape (r, k).
+
+        Averaged over the row, in which dry friction may change sign.
+        """
+        motion, small = self.motion, self.settings.difference
+        chain = [(effect, joint) for effect, joint in self.chain(self.base) if not effect.remembers]
+        u, q, dq = (np.moveaxis(values, -1, 0) for values in (motion.u, *motion.fine()))
+        soft = motion.spread + self.settings.softness
+
+        def answer(q: Array, dq: Array) -> Array:
+            return np.asarray(joint_torques(chain, u, q, dq, motion.step, soft).mean(-1))
+
+        at = answer(q, dq)
+        for joint, unit in enumerate(small * np.eye(motion.joints)):
+            shift = unit[:, None, None, None]
+            yield (answer(q + shift, dq) - at)[joint] / small, (answer(q, dq + shift) - at)[joint] / small
+
+    def _find_defects(self) -> None:
+        motion, layout = self.motion, self.motion.layout
+        self.delivered = self.torques(self.base)
+        self._reached = self._stepped(1)
+        reached = self._reached.copy()
+        # Rows are rarely spaced by exactly a whole number of physics steps; the rest of the way goes at the velocity and acceleration of the row.
+        late = np.where(motion.intervals() > 0, motion.intervals() - motion.period, 0.0)[..., None]
+        acceleration = (layout.dq(reached) - layout.dq(motion.state)) / motion.period
+        layout.q(reached)[...] += late * layout.dq(reached)
+        layout.dq(reached)[...] += late * acceleration
+        self.defects = np.where(motion.valid(ahead=1)[..., None], layout.minus(reached, motion.following()), 0.0)
+
+    @functools.cached_property
+    def halved(self) -> Array:
+        """What `defects` change by when the physics step is halved."""
+        return np.where(self.motion.valid(ahead=1)[..., None], self._stepped(2) - self._reached, 0.0)
+
+    def _stepped(self, parts: int) -> Array:
+        """Where one row's physics steps, each in `parts`, lead from each row of the reference, shape (r, k, 2 j)."""
+        motion, layout = self.motion, self.motion.layout
+        steps = motion.u.shape[2] * parts
+        bodies = [effect for effect in self.rig.chain(self.base) if effect.alters_model]
+        # The motors' torques come from outside.
+        world = replace(self.rig, nominal=()).world(bodies, timestep=motion.step / parts, substeps=steps)
+        result = motion.state.copy()
+        for r, rows in enumerate(motion.rows):
+            for state, torque, reached in zip(motion.state[r, : rows - 1], self.delivered[r].tolist(), result[r], strict=False):
+                world.set_state(layout.q(state), layout.dq(state))
+                world.step(torque)
+                reached[:] = layout.state(world.q, world.dq)
+        return result
+
+    def residual_torques(self) -> Array:
+        """What torque the simulator lacks to follow the reference, shape (r, k, j): zero but for noise where it is right."""
+        layout = self.motion.layout
+        by_torque = self.g[..., layout.nv :, :]
+        return -np.linalg.solve(by_torque + 1e-300 * np.eye(layout.nv), layout.ddx(self.defects)[..., None])[..., 0]

@@ -1,0 +1,175 @@
+"""The motion that most likely took place: how noisy the sensors are, and a Kalman smoother that knows the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.motion import Motion, motion_of, resolution
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+
+
+def reference(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisSettings = DEFAULT) -> LinearisedSimulator:
+    """The simulator linearised about the smoothed recordings, with the sensors' noise estimated (or taken from the rig) in ``motion.sigma``."""
+    motion = motion_of(recordings, rig, settings)
+    linear = LinearisedSimulator(rig, motion)
+    sigma = _first_noise(linear)
+    stated = _stated(rig)
+    sigma = np.where(np.isfinite(stated), stated, sigma)
+    for _ in range(settings.predict.refinements):
+        linear, sigma = _refine(linear, sigma, stated, ())
+    return linear
+
+
+def rebase(linear: LinearisedSimulator, effects: Sequence[Effect], sigma: Array) -> LinearisedSimulator:
+    """The simulator with `effects`, linearised about the recordings as that simulator smooths them under noise `sigma`."""
+    linear = LinearisedSimulator(linear.rig, replace(linear.motion, sigma=sigma), effects)
+    return _refine(linear, sigma, sigma, effects)[0]
+
+
+def _stated(rig: Rig) -> Array:
+    return np.repeat([rig.noise.get("q", np.nan), rig.noise.get("dq", np.nan)], len(rig.joints))
+
+
+def asked_torque(linear: LinearisedSimulator) -> Array:
+    """Root mean square of the torques that the reference motion asks for beyond the motors', or of the motors', whichever is more, shape (joints,)."""
+    motion = linear.motion
+    valid = motion.valid(ahead=1)
+    h = np.where(valid, motion.intervals(), 1.0)[..., None]
+    change = motion.layout.minus(motion.following(), motion.state)
+    inertial = (linear.inertia @ (motion.layout.ddx(change) / h)[..., None])[..., 0]
+    return np.asarray(np.maximum(np.sqrt(np.mean(linear.delivered[valid] ** 2, 0)), np.sqrt(np.mean(inertial[valid] ** 2, 0))))
+
+
+def _refine(linear: LinearisedSimulator, sigma: Array, stated: Array, effects: Sequence[Effect]) -> tuple[LinearisedSimulator, Array]:
+    motion, settings = linear.motion, linear.settings
+    measured = unsense(motion, effects, linear.rig)
+    size = asked_torque(linear)
+    best = max(((likelihood(linear, measured, sigma, share * size), share) for share in settings.disturbances), key=lambda pair: pair[0])[1]
+    state, variance = smooth(linear, measured, sigma, best * size)
+    for _ in range(0 if np.isfinite(stated).all() else settings.refinements):
+        seen = np.isfinite(measured) & motion.valid()[..., None]
+        count = seen.sum((0, 1))
+        total = np.where(seen, (measured - state) ** 2 + variance, 0.0).sum((0, 1))
+        update = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.inf)
+        update = np.maximum(update, resolution(motion) / np.sqrt(12))
+        sigma = np.where(np.isfinite(stated), stated, update)
+        state, variance = smooth(linear, measured, sigma, best * size)
+    spread = np.sqrt(np.mean(motion.layout.ddx(variance[motion.valid()]), 0))
+    refined = LinearisedSimulator(linear.rig, replace(motion, state=state, spread=spread, sigma=sigma), linear.base)
+    return refined, sigma
+
+
+def unsense(motion: Motion, effects: Sequence[Effect], rig: Rig) -> Array:
+    """What true sensors would have read, if the sensors have `effects`; shape as ``motion.measured``."""
+    result, layout = motion.measured.copy(), motion.layout
+    for effect in reversed([effect for effect in rig.chain(effects) if effect.on == "sensor"]):
+        joint = rig.joints.index(effect.target)
+        effect.unsense(layout.q(result), layout.dq(result), joint)
+        if effect.looks_back is not None:
+            for r, rows in enumerate(motion.rows):
+                time = motion.time[r, :rows]
+                for channel in (joint, layout.nq + joint):
+                    later = time + effect.looks_back
+                    result[r, :rows, channel] = np.where(later <= time[-1], np.interp(later, time, motion.measured[r, :rows, channel]), np.nan)
+    return result
+
+
+def _first_noise(linear: LinearisedSimulator) -> Array:
+    """From third differences of the measured motion, after what the simulator says of them has been taken away: model errors are smooth, noise is not."""
+    motion = linear.motion
+    expected = linear.defects + motion.following() - motion.state
+    sigma = []
+    for channel in range(motion.measured.shape[-1]):
+        found = []
+        for r, rows in enumerate(motion.rows):
+            missed = np.diff(motion.measured[r, :rows, channel]) - expected[r, : rows - 1, channel]
+            found.append(np.diff(missed, 2))
+        third = np.concatenate(found)
+        third = third[np.isfinite(third)]
+        if not len(third):
+            sigma.append(np.inf)
+            continue
+        kept = third[np.abs(third) <= np.percentile(np.abs(third), linear.settings.outermost)]
+        sigma.append(max(float(np.sqrt(np.mean(kept**2) / 20)), 1e-9))
+    return np.asarray(np.maximum(np.array(sigma), resolution(motion) / np.sqrt(12)))
+
+
+def likelihood(linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array) -> float:
+    """Logarithm of the likelihood of what was measured; arguments as for `smooth`."""
+    return _filter(linear, measured, sigma, disturbance)[-1]
+
+
+def smooth(linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array) -> tuple[Array, Array]:
+    """Kalman smoother: the most likely motion if, besides the noise, unknown torques act.
+
+    Args:
+        measured: what the sensors say of q and dq, shape (r, k, 2 j); NaN where nothing.
+        sigma: noise, shape (2 j,).
+        disturbance: standard deviation of the unknown torque of a row, N m, shape (j,).
+
+    Returns:
+        The motion, shape (r, k, 2 j), and its variances, same shape.
+    """
+    motion = linear.motion
+    count, rows = motion.time.shape
+    size = 2 * motion.layout.nv
+    kept_e, kept_p, ahead_e, ahead_p, _ = _filter(linear, measured, sigma, disturbance)
+    out_e, out_p = np.zeros((count, rows, size)), np.zeros((count, rows, size))
+    e, p = kept_e[-1], kept_p[-1]
+    out_e[:, -1], out_p[:, -1] = e, np.diagonal(p, axis1=-2, axis2=-1)
+    for k in range(rows - 2, -1, -1):
+        back = np.swapaxes(np.linalg.solve(ahead_p[k + 1], linear.a[:, k] @ kept_p[k]), -1, -2)
+        # A recording that has ended does not look ahead.
+        live_on = (k + 1 < motion.rows)[:, None]
+        e = np.where(live_on, kept_e[k] + (back @ (e - ahead_e[k + 1])[..., None])[..., 0], kept_e[k])
+        p = np.where(live_on[..., None], kept_p[k] + back @ (p - ahead_p[k + 1]) @ np.swapaxes(back, -1, -2), kept_p[k])
+        out_e[:, k], out_p[:, k] = e, np.diagonal(p, axis1=-2, axis2=-1)
+    return motion.state + np.where(motion.valid()[..., None], out_e, 0.0), np.maximum(out_p, 0.0)
+
+
+def _filter(linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array) -> tuple[list[Array], list[Array], list[Array], list[Array], float]:
+    """Means and covariances of the error after and before each row was seen, and the log likelihood."""
+    motion, layout = linear.motion, linear.motion.layout
+    settings = linear.settings
+    count, rows = motion.time.shape
+    size = 2 * layout.nv
+    seen = np.isfinite(measured) & motion.valid()[..., None]
+    y = np.where(seen, layout.minus(measured, motion.state), 0.0)
+    r = np.where(seen, sigma**2, 1e12)
+    e, p = np.zeros((count, size)), np.zeros((count, size, size))
+    speed = np.maximum(np.sqrt(np.mean(layout.dq(motion.state) ** 2, (0, 1))), 1e-3)
+    first = layout.state((settings.start_position * layout.dx(sigma)) ** 2, (settings.start_velocity * speed) ** 2)
+    p[:] = np.diag(first)
+    noise = linear.g * disturbance
+    noise = noise @ np.swapaxes(noise, -1, -2)
+    kept_e, kept_p, ahead_e, ahead_p = [], [], [], []
+    likelihood = 0.0
+    for k in range(rows):
+        ahead_e.append(e)
+        ahead_p.append(p)
+        total = p + r[:, k, :, None] * np.eye(size)
+        gain = np.swapaxes(np.linalg.solve(total, p), -1, -2)
+        missed = y[:, k] - e
+        solved = np.linalg.solve(total, missed[..., None])[..., 0]
+        live = seen[:, k]
+        _, logdet = np.linalg.slogdet(total)
+        # Unseen channels have a huge variance that must not enter the likelihood.
+        likelihood -= 0.5 * float(np.sum((missed * solved).sum(-1) + logdet - np.log(r[:, k]).sum(-1, where=~live)))
+        e = e + (gain @ missed[..., None])[..., 0]
+        p = p - gain @ p
+        p = (p + np.swapaxes(p, -1, -2)) / 2
+        kept_e.append(e)
+        kept_p.append(p)
+        e = (linear.a[:, k] @ e[..., None])[..., 0] + linear.defects[:, k]
+        p = linear.a[:, k] @ p @ np.swapaxes(linear.a[:, k], -1, -2) + noise[:, k] + 1e-16 * np.eye(size)
+    return kept_e, kept_p, ahead_e, ahead_p, likelihood

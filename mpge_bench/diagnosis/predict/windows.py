@@ -1,0 +1,227 @@
+"""Multi-step prediction over windows of the recordings, for any set of effects, by the linearised simulator."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.motion import Motion, between
+from mpge_bench.diagnosis.predict.bodies import BodyRegressor
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.torques import joint_torques
+from mpge_bench.diagnosis.settings import PredictSettings
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Where the windows lie: recording and first row of each, shape (windows,), and the intervals of each."""
+
+    recording: npt.NDArray[np.int64]
+    start: npt.NDArray[np.int64]
+    length: int
+
+
+def windows_of(motion: Motion, horizon: float) -> Windows:
+    """Windows of `horizon` s one after another, as many as there are in full.
+
+    The first begins some way into the recording, where that is long enough: what hidden states were at its start nobody knows.
+    """
+    settings = motion.settings.predict
+    period = float(np.median(motion.intervals()[motion.intervals() > 0]))
+    length = int(max(settings.shortest_window, min(round(horizon / period), motion.rows.min() - 1)))
+    skipped = round(settings.warm_up / period)
+    first = skipped if motion.rows.min() > skipped + settings.spare_windows * length else 0
+    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length)]
+    recording, start = np.array(pairs).T
+    return Windows(recording, start, length)
+
+
+def held_out_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_]:
+    """Which windows are kept from fitting, shape (windows,): those of the last recordings, of a single one its end."""
+    settings = motion.settings.predict
+    count = len(motion.rows)
+    if count > 1:
+        return np.asarray(windows.recording >= count - max(1, round(settings.held_recordings * count)))
+    return np.asarray(windows.start >= settings.held_third * motion.rows[0])
+
+
+class WindowPredictor:
+    """Multi-step prediction in windows, for any set of effects, by the linearised simulator.
+
+    Args:
+        linear: about the reference to be used.
+        windows: where they lie.
+        sigma: noise of each channel, shape (2 j,); infinite where a channel is not to be used.
+        consistent: work out the effects' laws along the base's own prediction from the best starting states, not along the smoothed recording. Where
+            the base is about right that is the better motion, and one whose noise is independent of the residual's.
+
+    Attributes:
+        state, measured: reference and readings at the windows' rows, shape (windows, rows, 2 j).
+        weight: of each reading, one by its noise; 0 where it is not used; same shape.
+        flow: what a change of the starting state becomes after each row, shape (windows, rows, 2 j, 2 j).
+        halved_error: how the prediction changes with half the physics step, shape (windows, rows, 2 j).
+    """
+
+    def __init__(self, linear: LinearisedSimulator, windows: Windows, sigma: Array, *, consistent: bool = False) -> None:
+        self.linear, self.windows, self.sigma = linear, windows, sigma
+        motion = linear.motion
+        count, length, n = len(windows.start), windows.length, motion.layout.nv
+        rows = windows.start[:, None] + np.arange(length + 1)
+        at, before = windows.recording[:, None], rows[:, :-1]
+        self.a, self.g = linear.a[at, before], linear.g[at, before]
+        self.state, self.measured = motion.state[at, rows], motion.measured[at, rows]
+        usable = np.isfinite(self.measured) & np.isfinite(sigma) & (sigma < 1e6)
+        self.weight = np.where(usable, 1 / sigma, 0.0)
+        self.flow = self._flow()
+        nothing = np.zeros((count, length, n))
+        self.halved_error = self.propagate(nothing, linear.halved[at, before])
+        # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
+        coarse = np.mean((self.halved_error * self.weight) ** 2, axis=(1, 2), where=usable) if usable.any() else np.zeros(count)
+        self.weight = self.weight / np.sqrt(1 + coarse / self.settings.coarse**2)[:, None, None]
+        # Starting states are free: what they can explain is projected out.
+        self._starts, self._triangle = np.linalg.qr((self.flow * self.weight[..., None]).reshape(count, -1, 2 * n))
+        self.base_error = self.propagate(nothing, linear.defects[at, before])
+        if consistent:
+            start = self.starts(self.measured - self.state - self.base_error - self.sensed(linear.base))
+            self.state = self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0]
+            self.base_error = np.zeros_like(self.state)
+        self._intervals = motion.intervals()[at, before]
+        self._u, self._q, self._dq = self._with_warm_up()
+        self._memory: dict[bool, list[Array]] = {}
+
+    @property
+    def settings(self) -> PredictSettings:
+        return self.linear.settings
+
+    def _flow(self) -> Array:
+        count, length, size = self.a.shape[0], self.windows.length, self.a.shape[-1]
+        flow = np.zeros((count, length + 1, size, size))
+        flow[:, 0] = np.eye(size)
+        for k in range(length):
+            flow[:, k + 1] = self.a[:, k] @ flow[:, k]
+        return flow
+
+    @property
+    def _warm(self) -> int:
+        """Rows before the window on which hidden states are warmed up."""
+        return max(1, round(self.settings.warm_up / self.linear.motion.period))
+
+    @property
+    def _back(self) -> int:
+        """Rows before the window that late sensors look back to."""
+        return max(1, round(self.settings.looks_back / self.linear.motion.period))
+
+    def _with_warm_up(self) -> tuple[Array, Array, Array]:
+        """u, q and dq at the physics steps of the warm-up and the window; before the recording nothing moves."""
+        motion, warm = self.linear.motion, self._warm
+        at = self.windows.recording[:, None]
+        earlier = self.windows.start[:, None] + np.arange(-warm, self.windows.length)
+        clipped = np.maximum(earlier, 0)
+        q, dq = (values[at, clipped] for values in motion.fine())
+        q[:, warm:], dq[:, warm:] = between(self.state[:, :-1], self.state[:, 1:], self._intervals, motion.u.shape[2])
+        rest = (earlier < 0)[..., None, None]
+        return motion.u[at, clipped], np.where(rest, q[:, :, :1], q), np.where(rest, 0.0, dq)
+
+    @functools.cached_property
+    def bodies(self) -> BodyRegressor:
+        """What bodies ask for along the windows' motion."""
+        layout = self.linear.motion.layout
+        change = layout.minus(self.state[:, 1:], self.state[:, :-1])
+        return BodyRegressor(self.linear, (self.state[:, 1:] + self.state[:, :-1]) / 2, layout.ddx(change) / self._intervals[..., None])
+
+    @functools.cached_property
+    def delivered(self) -> Array:
+        """Mean torque of each interval under the base, as `torques`."""
+        return self.torques(self.linear.base)
+
+    def curve(self, joint: int, signal: str, knots: Array) -> Array:
+        """Changes of the prediction, projected, by the hat functions over `knots` of a joint's q, dq or command as torques on it.
+
+        Returns:
+            Shape (knots, windows, rows * 2 j).
+        """
+        values = self._signals()[signal][joint]
+        steps = self.linear.motion.u.shape[2]
+        forcing = np.zeros((*self.delivered.shape,))
+        found = []
+        for one in np.eye(len(knots)):
+            forcing[..., joint] = np.interp(values, knots, one).reshape(len(values), -1, steps).mean(-1)
+            found.append(self.project(self.propagate(forcing)))
+        return np.array(found)
+
+    def range_of(self, joint: int, signal: str) -> Array:
+        """Values of the signal at all rows of all windows."""
+        return np.asarray(self._signals()[signal][joint].ravel())
+
+    def torques(self, effects: Sequence[Effect], lead: float = 0.0) -> Array:
+        """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints); dry friction turns round `lead` s early."""
+        chain = self.linear.chain(effects)
+        remembers = any(effect.remembers for effect, _ in chain)
+        u, q, dq = self._histories(remembers)
+        n, count = u.shape[0], u.shape[1]
+        motion = self.linear.motion
+        torque = joint_torques(chain, u, q, dq, motion.step, motion.spread, lead, self.linear.offered)
+        return np.moveaxis(torque.reshape(n, count, -1, motion.u.shape[2]).mean(-1)[:, :, -self.windows.length :], 0, -1)
+
+    def _signals(self) -> dict[str, Array]:
+        return dict(zip(("command", "q", "dq"), self._histories(False), strict=True))
+
+    def _histories(self, remembers: bool) -> list[Array]:
+        """u, q and dq, shape (joints, windows, physics steps), with the warm-up if something `remembers`."""
+        if remembers not in self._memory:
+            cut = slice(None) if remembers else slice(self._warm, None)
+            n = self._u.shape[-1]
+            self._memory[remembers] = [
+                np.ascontiguousarray(np.moveaxis(values[:, cut], -1, 0).reshape(n, len(values), -1)) for values in (self._u, self._q, self._dq)
+            ]
+        return self._memory[remembers]
+
+    def propagate(self, forcing: Array, defects: Array | float = 0.0) -> Array:
+        """Errors after each row from torques `forcing` (windows, intervals, joints) and `defects`, shape (windows, rows, 2 j)."""
+        kicks = (self.g @ forcing[..., None])[..., 0] + defects
+        error = np.zeros((kicks.shape[0], kicks.shape[1] + 1, kicks.shape[2]))
+        for k in range(kicks.shape[1]):
+            error[:, k + 1] = (self.a[:, k] @ error[:, k, :, None])[..., 0] + kicks[:, k]
+        return error
+
+    def project(self, error: Array) -> Array:
+        """`error` (windows, rows, 2 j) in units of the noise, without what starting states explain; shape (windows, rows * 2 j)."""
+        flat = (np.where(self.weight > 0, error, 0.0) * self.weight).reshape(len(error), -1)
+        return np.asarray(flat - (self._starts @ (np.swapaxes(self._starts, -1, -2) @ flat[..., None]))[..., 0])
+
+    def starts(self, error: Array) -> Array:
+        """Changes of the starting states, shape (windows, 2 j), that explain most of `error` (windows, rows, 2 j)."""
+        flat = (np.where(self.weight > 0, error, 0.0) * self.weight).reshape(len(error), -1, 1)
+        along = np.swapaxes(self._starts, -1, -2) @ flat
+        return np.linalg.solve(self._triangle + 1e-12 * np.eye(self._triangle.shape[-1]), along)[..., 0]
+
+    def change(self, effects: Sequence[Effect]) -> Array:
+        """How the prediction changes from the base's to that under `effects`, projected."""
+        forcing = self.torques(effects) - self.delivered + self.bodies.torques(effects)
+        return self.project(self.propagate(forcing) + self.sensed(effects) - self.sensed(self.linear.base))
+
+    def residual(self) -> Array:
+        """Measured minus predicted by the base, projected."""
+        return self.project(self.measured - self.state - self.base_error - self.sensed(self.linear.base))
+
+    def sensed(self, effects: Sequence[Effect]) -> Array:
+        """What sensor effects add to the reference, shape (windows, rows, 2 j)."""
+        sensors = [effect for effect in self.linear.rig.chain(effects) if effect.on == "sensor"]
+        if not sensors:
+            return np.zeros_like(self.state)
+        motion, layout = self.linear.motion, self.linear.motion.layout
+        # Sensors may look back beyond the window's start.
+        rows = self.windows.start[:, None] + np.arange(-self._back, self.windows.length + 1)
+        state = motion.state[self.windows.recording[:, None], np.maximum(rows, 0)]
+        state[:, self._back :] = self.state
+        q, dq = layout.q(state).copy(), layout.dq(state).copy()
+        for effect in sensors:
+            effect.sense(q, dq, self.linear.rig.joints.index(effect.target), motion.period)
+        return np.asarray(layout.state(q, dq) - state)[:, self._back :]

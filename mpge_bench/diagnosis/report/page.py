@@ -1,0 +1,84 @@
+"""The diagnosis as one self-contained HTML page: the verdict first, then the evidence for it."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+
+import matplotlib
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from mpge_bench.diagnosis.report.numbers import number
+from mpge_bench.diagnosis.report.plots import COLOURS, STYLE, finite_rows, joint_plots, law_plot, trajectory_plot
+from mpge_bench.diagnosis.report.tables import (
+    confusions_table,
+    detectable_table,
+    effects_table,
+    fit_of,
+    joints_table,
+    lawless,
+    rivals_table,
+    values_text,
+    where_lines,
+)
+from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+
+#: Rows of a table before the rest is folded away; joints and trajectories that are drawn at most; joints that are shown whatever their share.
+ROWS, JOINTS, TRAJECTORIES, SHOWN = 12, 12, 12, 3
+
+_VERDICTS = {
+    "no_mismatch": ("No mismatch found", "The recordings look like the simulator, within the noise."),
+    "explained": ("Mismatch explained", "The effects below account for what the simulator got wrong."),
+    "partly_explained": ("Mismatch partly explained", "The effects below account for a part of it; something remains."),
+    "unexplained": ("Mismatch not explained", "Something differs, and no effect of the catalogue accounts for it."),
+}
+
+
+def report_html(result: DiagnosisResult) -> str:
+    """One HTML page that needs nothing else: style and plots are within it, and it asks for nothing from a network."""
+    heading, gist = _VERDICTS[result.verdict]
+    evidence = result.evidence
+    joints = [finite_rows(joint) for joint in evidence.joints]
+    joints.sort(key=lambda joint: -joint.share if math.isfinite(joint.share) else 0.0)
+    blamed = {effect.target for effect in result.effects} | {place.name for place in result.where}
+    corrected = any(not np.array_equal(joint.before, joint.after) for joint in joints)
+    effects = effects_table(result.effects)
+    fitted = {entry["key"]: values_text(entry["lines"]) for entry in effects}
+    with matplotlib.rc_context(STYLE):
+        drawn = [(joint.joint in blamed or place < SHOWN, joint_plots(joint, place)) for place, joint in enumerate(joints[:JOINTS])]
+        laws = [
+            plot
+            for place, law in enumerate(evidence.laws)
+            if (plot := law_plot(law, evidence.laws, joints, fitted.get((law.effect, law.joint), ""), f"l{place}-")) is not None
+        ]
+        trajectories = [trajectory_plot(one, f"t{place}-") for place, one in enumerate(evidence.trajectories[:TRAJECTORIES]) if len(one.time) > 1]
+    template = resources.files("mpge_bench.diagnosis.report").joinpath("report.html.j2").read_text(encoding="utf-8")
+    # Everything is escaped unless it is Markup; what the template asks for and does not get is an error.
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(template).render(
+        verdict=result.verdict,
+        title=heading,
+        gist=gist,
+        summary=result.summary,
+        p_value="< 10⁻³⁰⁰" if result.p_value == 0 else f"= {number(result.p_value, 3)}",
+        fit=fit_of(result.fit),
+        effects=effects,
+        where=where_lines(result.where),
+        joints=joints_table(joints, corrected),
+        shown=[plots for shown, plots in drawn if shown],
+        folded=[plots for shown, plots in drawn if not shown],
+        undrawn=[joint.joint for joint in joints[JOINTS:]],
+        laws=laws,
+        lawless=lawless(result.effects, evidence.laws),
+        trajectories=trajectories,
+        trajectories_left=len(evidence.trajectories) - len(trajectories),
+        rivals=rivals_table(result),
+        confusions=confusions_table(result),
+        detectable=detectable_table(result),
+        checks=result.checks,
+        settings=result.about,
+        corrected=corrected,
+        colours=COLOURS,
+        rows=ROWS,
+    )

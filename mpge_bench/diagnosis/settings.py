@@ -1,0 +1,212 @@
+"""Every threshold, constant and budget of the diagnosis: its value, its unit and its reason, in the order of the stages. All are stored in diagnosis.json.
+
+What only keeps a division or an inverse from failing (1e-9 and the like) stays where it is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+def _setting(value: Any, unit: str, reason: str) -> Any:
+    return field(default=value, metadata={"unit": unit, "reason": reason})
+
+
+@dataclass(frozen=True)
+class DataSettings:
+    """Of reading and checking recordings."""
+
+    shortest: float = _setting(0.3, "s", "a shorter recording holds no window of a few tenths of a second")
+    fewest_rows: int = _setting(30, "rows", "fewer do not tell noise from motion")
+    still: float = _setting(8.0, "standard deviations of q", "a spread that noise alone makes over thousands of rows is no motion")
+    degree_ratios: tuple[float, float] = _setting((40.0, 80.0), "1", "degrees change 57 times as fast as radians")
+    degree_spread: float = _setting(20.0, "rad", "three turns; less is common in radians")
+    degree_likeness: float = _setting(0.9, "correlation", "q and the sum of dq must be the same motion before their ratio says anything")
+    degree_torque: float = _setting(
+        0.5, "share of the available torque", "turned into radians, angles must lack less than commands and gravity give"
+    )
+    degree_excess: float = _setting(5.0, "times", "angles as they are must lack clearly more torque than angles turned")
+    degree_beyond: float = _setting(3.0, "times", "and clearly more than commands and gravity give")
+    quotient: float = _setting(1e-4, "share of the spread of dq", "a difference quotient agrees to rounding; a measurement does not")
+    late: float = _setting(0.003, "s", "a filter's or a clock's lag; less is within what rows of 5 ms tell")
+    late_steps: float = _setting(2.0, "physics steps", "simulators themselves are a step ahead or behind")
+    velocity_gain: float = _setting(0.05, "1", "less is within what differentiating does to fast motion")
+    velocity_told: float = _setting(0.7, "share of the disagreement", "gain and lag must tell a good part of it: noise disagrees always")
+    velocity_left: float = _setting(0.3, "share of the spread of dq", "and leave little: so does motion too fast for the rows")
+    row_period: float = _setting(0.005, "s", "more rows of a slow mechanism cost time and tell nothing new")
+    smoothing: float = _setting(0.035, "s", "half the width of the local cubics: shorter than the motion's features, longer than the noise's")
+    encoder_share: float = _setting(0.5, "share of the rows", "an encoder repeats its few values; a fine sensor hardly ever does")
+    encoder_percentile: float = _setting(5.0, "percent", "the smallest differences of distinct values are one step; a few are rounding")
+
+
+@dataclass(frozen=True)
+class PredictSettings:
+    """Of the simulator linearised about the recorded motion, and of PyBullet's own predictions."""
+
+    warm_up: float = _setting(0.4, "s", "hidden states (lags, delays, motor sides) forget where they were within about this")
+    looks_back: float = _setting(0.1, "s", "how far before a window late sensors look")
+    shortest_window: int = _setting(5, "rows", "fewer are nothing but their starting state")
+    spare_windows: int = _setting(3, "windows", "the start of a recording is only given up to warm-up where this much is left")
+    disturbances: tuple[float, ...] = _setting((0.002, 0.02, 0.2), "share of the asked torque", "sizes tried of the unknown torque in a row, by decades")
+    difference: float = _setting(1e-4, "rad, rad/s", "for derivatives of inverse dynamics: between rounding and curvature")
+    softness: float = _setting(1e-3, "rad/s", "least speed over which dry friction changes sign in derivatives")
+    lead: float = _setting(0.01, "s", "MuJoCo's dry friction turns round about this long before the velocity does, PyBullet's with it")
+    coarse: float = _setting(1.0, "standard deviations", "windows count less in which half the physics step changes the prediction by more than about this")
+    start_position: float = _setting(20.0, "standard deviations of q", "how far the first state may lie from the first guess")
+    start_velocity: float = _setting(0.3, "share of the speed", "the same for velocities, which may not be measured at all")
+    refinements: int = _setting(2, "passes", "of reference and noise, each about the other; a third changes next to nothing")
+    outermost: float = _setting(99.0, "percent", "of third differences count in the first estimate of the noise: knocks are no noise")
+    held_third: float = _setting(0.67, "share", "of a single recording that is fitted to; the rest is held out")
+    held_recordings: float = _setting(0.25, "share", "of several recordings that is held out, at least one")
+    even: float = _setting(0.01, "physics steps", "rows are evenly spaced if none is further off")
+    unstable: float = _setting(1e5, "rad/s", "Bullet itself keeps velocities below 1e6")
+    horizon: float = _setting(0.5, "s", "how far ahead predictions are judged: long enough to tell small effects, short enough for a linearised error")
+
+
+@dataclass(frozen=True)
+class HypothesisSettings:
+    """Of what might be missing, and of what simulators do differently, which is nobody's fault (in units of the physics step's own error)."""
+
+    knots: int = _setting(41, "points", "of a nameless curve: fine enough for a cog, few enough for the recordings")
+    least_torque: float = _setting(1e-6, "N m", "of the size of things at a joint: none may be 0, as searches start from shares of it")
+    least_motion: float = _setting(1e-3, "rad, rad/s", "the same of angles and speeds")
+    least_length: float = _setting(0.02, "m", "the same of a link whose centre of mass lies on its joint")
+    outermost: float = _setting(0.002, "share", "of the rows at either end of a signal that have no knots of their own")
+    step_error: tuple[float, float] = _setting((-1.0, 3.0), "what halving the step changes", "halving removes half the error of a first-order integrator")
+    implicit_damping: tuple[float, float] = _setting(
+        (-1.0, 1.0), "damping × step", "damping at the step's end acts like an inertia of damping × step"
+    )
+    friction_lead: tuple[float, float] = _setting((-0.3, 1.3), "lead", "from PyBullet's turning point to MuJoCo's, and a little beyond either")
+    motor_step: tuple[float, float] = _setting((-1.0, 1.0), "physics steps", "when within a step a motor with a hidden state gets its command")
+    descents: int = _setting(20, "passes", "of coordinate descent over a handful of bounded unknowns")
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Of screening and fitting."""
+
+    draws: int = _setting(999, "draws", "of the test for any mismatch at all: p down to 0.001")
+    draws_left: int = _setting(499, "draws", "of the test for what a model leaves over")
+    draws_order: int = _setting(49, "draws", "where only the order of the candidates is wanted")
+    told: float = _setting(0.01, "squared standard deviations", "a parameter that moves the prediction by less when it doubles is not told")
+    evaluations: int = _setting(12, "evaluations", "of the linearised simulator in a fit")
+    evaluations_tried: int = _setting(5, "evaluations", "for second and third starts")
+    evaluations_polish: int = _setting(6, "evaluations", "before PyBullet's own predictions take over")
+    tolerance: float = _setting(1e-4, "share of a parameter", "far below any standard error")
+    cost_tolerance: float = _setting(1e-5, "share of the cost", "far below any standard error")
+    hold: float = _setting(0.01, "standard deviations", "what the recordings do not tell stays where it started")
+    robustness: float = _setting(0.25, "exponent", "of the windows' weights: least squares then lower a mean of roots")
+    reweightings: int = _setting(2, "fits", "far from the noise the windows' weights change with the fit")
+    reweighted: float = _setting(0.5, "1", "weights of windows that differ by less are not worked out a second time")
+    starts: int = _setting(3, "starts", "are fitted, where the best one stays far from the noise")
+    far_start: float = _setting(3.0, "times the noise", "what counts as far from the noise for that")
+    near_noise: float = _setting(3.0, "times the noise", "below it laws go by the model's own prediction, whose noise is independent of the residual's")
+    iterations: int = _setting(1, "iterations", "in PyBullet, of a draft")
+    iterations_nominal: int = _setting(2, "iterations", "in PyBullet, of the model of no effects, which has nothing but starting states to fit")
+    iterations_polish: int = _setting(3, "iterations", "in PyBullet, of a model that is followed up")
+    gained: float = _setting(1e-3, "share of the cost", "an iteration that gains less is the last")
+    worse: float = _setting(2.0, "times", "a new starting state that costs more is dropped: the motion is chaotic there")
+    rank: float = _setting(1e-4, "singular values", "directions of the parameters that the recordings tell less of stay where they are")
+    step_matters: float = _setting(30.0, "times the noise", "the physics step is nothing to a model that misses more")
+    step_passes: int = _setting(2, "passes", "over the physics step's error, each from better starting states")
+    step_share: tuple[float, float] = _setting((-1.0, 3.0), "what halving the step changes", "bounds of the step that the recordings ask for")
+    clean: float = _setting(1.1, "times the noise", "below it nothing more is looked for")
+    noise_change: float = _setting(0.95, "share", "noise that is estimated this near the old is left as it is")
+    stiffnesses: tuple[float, ...] = _setting(
+        (1e-4, 1e-2, 1.0), "share of the curve's own weight", "smoothness of nameless curves, chosen within the train windows"
+    )
+    unstable: float = _setting(1e6, "standard deviations", "residual of a model under which the simulation flies apart: no candidate")
+
+
+@dataclass(frozen=True)
+class ChooseSettings:
+    """Of the search over models."""
+
+    significance: float = _setting(0.01, "probability", "a mismatch is reported below this probability of chance")
+    material: float = _setting(0.01, "share of the sum of squares", "an effect that explains less changes no prediction by more than a tenth of the noise")
+    coarse_material: float = _setting(0.1, "share of the sum of squares", "the same where both models miss much more than the noise, and for nameless curves")
+    coarse: float = _setting(2.0, "times the noise", "what counts as much more than the noise for that")
+    errors: float = _setting(2.0, "standard errors", "a gain must be beyond these; near the noise")
+    coarse_errors: float = _setting(1.0, "standard errors", "far from the noise, where windows differ too much for two")
+    touched: float = _setting(0.02, "share of a window's sum of squares", "by which it differs where two models predict it differently")
+    few_touched: int = _setting(3, "windows", "with no more than these touched, all windows are taken")
+    slight: float = _setting(0.005, "share of the joint's torque", "what two simulators differ in is often mended by tiny stiffness, play or lag: no effect")
+    decisive: float = _setting(1.5, "times", "an effect that is slight must lower what is missed by as much")
+    beam: int = _setting(3, "models", "are followed up in each round")
+    most: int = _setting(6, "effects", "of a model, at most")
+    tried: tuple[int, int, int] = _setting((12, 8, 5), "candidates", "fitted in the first round; later beside the best model; beside the others")
+    polished: int = _setting(4, "models", "of a round are polished")
+    hopeless: tuple[float, float] = _setting((10.0, 4.0), "times the best", "drafts that miss more are not polished: first round, later")
+    reached: float = _setting(0.02, "share", "where a draft misses so much less than a model, models further behind are not followed up")
+    held: float = _setting(1.2, "times the noise", "a best model this near the noise leaves room for none that is far off")
+    half_truth: float = _setting(30.0, "times the best", "a model this far off may still be half of the truth")
+    on_the_way: float = _setting(30.0, "times the noise", "a model that misses more is but a step on the way")
+    convergences: int = _setting(4, "fits", "of a model about its own fit, at most")
+    near: float = _setting(
+        3.0, "times the noise", "PyBullet alone leads on from here; a plainer model must come as near to be fitted in full"
+    )
+    converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
+    alike: float = _setting(0.995, "cosine", "between what two effects change of the prediction, from which on one may be taken for the other")
+    twins: int = _setting(2, "models", "that may be taken for the chosen one are fitted")
+    curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
+    spare_time: float = _setting(0.5, "of the time taken", "what must be left for fitting twins")
+    mostly: float = _setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
+    search_share: float = _setting(0.65, "of the time budget", "after which nothing new is begun, so that what is under way ends within it")
+
+
+@dataclass(frozen=True)
+class VerdictSettings:
+    """Of what is said of the answer."""
+
+    explained: float = _setting(1.5, "times the noise", "what is left on held-out windows below which named physics explains a mismatch")
+    confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
+    undecided: float = _setting(2.0, "squared distances", "a model that misses more by this is not taken for the chosen one, however near its prediction")
+    interval: float = _setting(1.96, "standard errors", "95%")
+    rivals: int = _setting(8, "models", "are listed with their errors")
+    ruled_out: float = _setting(5.0, "log evidence", "odds of 150 to 1")
+    unlikely: float = _setting(3.0, "log evidence", "odds of 20 to 1")
+    listed: int = _setting(3, "models", "are named as ruled out")
+    where: float = _setting(0.02, "share of the residual force", "joints with less are not named")
+    at_noise: float = _setting(1.3, "times the noise floor", "an error below it is called the noise's")
+    regime: float = _setting(1.8, "times the mean", "power of the residual force in a fifth of the rows, from which on it is at home there")
+    regime_share: float = _setting(0.2, "share of the rows", "that a regime takes in")
+    gap: float = _setting(1.5, "row intervals", "a longer one is a gap")
+    shown: float = _setting(4.0, "s", "of a held-out recording that are drawn")
+    rows: int = _setting(3000, "rows", "of the residual force that are drawn")
+    law_points: int = _setting(301, "points", "of a law that is drawn")
+    law_spread: float = _setting(1e-3, "share of the signal's range", "over which dry friction changes sign in a drawn law")
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """All of them, by stage."""
+
+    data: DataSettings = DataSettings()
+    predict: PredictSettings = PredictSettings()
+    hypotheses: HypothesisSettings = HypothesisSettings()
+    fit: FitSettings = FitSettings()
+    choose: ChooseSettings = ChooseSettings()
+    verdict: VerdictSettings = VerdictSettings()
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Plain values by stage and name, as diagnosis.json holds them."""
+        return {
+            stage.name: {name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(getattr(self, stage.name)).items()}
+            for stage in dataclasses.fields(self)
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Mapping[str, Any]]) -> DiagnosisSettings:
+        """What `to_dict` gave; what `data` does not hold keeps its default."""
+        default = cls()
+        stages = {
+            stage: dataclasses.replace(getattr(default, stage), **{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+            for stage, values in data.items()
+        }
+        return dataclasses.replace(default, **stages)
+
+
+DEFAULT = DiagnosisSettings()

@@ -1,0 +1,105 @@
+"""How much better the corrected simulator predicts the held-out recordings, and what the noise alone makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.verdict.result import Accuracy, Errors, Trajectory
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+
+
+def held_recordings(problem: Problem) -> list[int]:
+    """Which recordings are held out, wholly or in part."""
+    return sorted(set(problem.windows.recording[problem.held_out].tolist()))
+
+
+def held_parts(problem: Problem) -> list[Recording]:
+    """The held-out recordings; of a single one its held-out end."""
+    if len(problem.recordings) > 1:
+        return [problem.recordings[r] for r in held_recordings(problem)]
+    first = int(problem.windows.start[problem.held_out].min()) * problem.linear.motion.stride
+    return [problem.recordings[r].rows(slice(first, None)) for r in held_recordings(problem)]
+
+
+def error_of(problem: Problem, parts: Sequence[Recording], effects: tuple[Effect, ...]) -> float:
+    """Root mean square error of all positions in `parts`, predicted with `effects`."""
+    predictions = [simulate(problem.rig, one, problem.horizon, effects, problem.settings).q - one.q for one in parts]
+    return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))
+
+
+def unit_of(problem: Problem) -> str:
+    """Of errors of all positions together."""
+    units = {problem.rig.units(joint).position for joint in problem.rig.joints}
+    return units.pop() if len(units) == 1 else "rad, m"
+
+
+def accuracy(choice: Choice, after: LinearisedSimulator, parts: Sequence[Recording]) -> tuple[Accuracy, tuple[Trajectory, ...]]:
+    """Errors of `simulate` on the held-out `parts`, before and `after` correction, and stretches of them to look at."""
+    problem = choice.problem
+    rig, settings = problem.rig, problem.settings
+    errors: dict[str, list[Array]] = {"before": [], "after": []}
+    trajectories: list[Trajectory] = []
+    for recording in parts:
+        models: dict[str, tuple[Effect, ...]] = {"before": (), "after": choice.chosen.effects}
+        predictions = {name: simulate(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
+        for name, one in predictions.items():
+            errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq))
+        if len(trajectories) < 2 * len(rig.joints):
+            trajectories += _trajectories(problem, recording, predictions["before"], predictions["after"])
+    floors = _floors(choice, after)
+    n = len(rig.joints)
+    channels = {}
+    for column in range(2 * n):
+        joint = rig.joints[column % n]
+        known = {name: np.concatenate(values)[:, column] for name, values in errors.items() if np.isfinite(values[0][:, column]).any()}
+        rms = {name: float(np.sqrt(np.nanmean(values**2))) for name, values in known.items()}
+        if rms:
+            units = rig.units(joint)
+            name, unit = (f"q_{joint}", units.position) if column < n else (f"dq_{joint}", units.velocity)
+            channels[name] = Errors(rms["before"], rms["after"], float(floors[column]), unit)
+    together: dict[str, Any] = {
+        name: float(np.sqrt(np.mean([getattr(channels[f"q_{joint}"], name) ** 2 for joint in rig.joints]))) for name in ("before", "after", "noise_floor")
+    }
+    return Accuracy(problem.horizon, Errors(**together, unit=unit_of(problem)), channels), tuple(trajectories)
+
+
+def _trajectories(problem: Problem, recording: Recording, before: Recording, after: Recording) -> list[Trajectory]:
+    """The first seconds of each joint."""
+    time = recording.time
+    shown = slice(0, int(np.searchsorted(time, time[0] + problem.settings.verdict.shown)))
+    restarts = np.arange(time[0], time[shown][-1], problem.horizon)
+    return [
+        Trajectory(
+            recording.path.name,
+            joint,
+            problem.rig.units(joint).position,
+            time[shown],
+            recording.q[shown, column],
+            before.q[shown, column],
+            after.q[shown, column],
+            restarts,
+        )
+        for column, joint in enumerate(problem.rig.joints)
+    ]
+
+
+def _floors(choice: Choice, after: LinearisedSimulator) -> Array:
+    """Error that a perfect simulator would have, started from the noisy recorded state; shape (2 joints,)."""
+    problem, layout = choice.problem, choice.problem.linear.motion.layout
+    sigma = problem.sigma
+    speeds = layout.ddx(sigma)
+    spread = np.where(np.isfinite(speeds), speeds, np.maximum(after.motion.spread, 1e-9))
+    start = layout.state(layout.dx(sigma), spread) ** 2
+    carried = (choice.fitter.predictor.flow[problem.held_out] ** 2 @ start).mean((0, 1))
+    return np.asarray(np.sqrt(carried + np.where(np.isfinite(sigma), sigma, 0.0) ** 2))

@@ -1,0 +1,71 @@
+"""What the answer was held against: models that are ruled out, and models that these recordings cannot tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import stats
+
+from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.score import is_better
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.hypotheses.candidates import label
+from mpge_bench.diagnosis.verdict.result import Confusion, Rival
+from mpge_bench.envs.effects import CATALOGUE, Effect
+from mpge_bench.envs.effects.vector import parameters_of
+
+
+def rivals(choice: Choice, error_of: Callable[[tuple[Effect, ...]], float]) -> tuple[Rival, ...]:
+    """The best of the other models that were tried.
+
+    Args:
+        error_of: effects -> root mean square error on the held-out recordings.
+    """
+    chosen, held = choice.chosen, choice.problem.held_out
+    found: dict[frozenset[str], Model] = {}
+    for one in sorted([choice.nominal, *choice.models], key=lambda one: one.held_out):
+        if one.key != chosen.key and one.fit.residuals.shape == chosen.fit.residuals.shape:
+            found.setdefault(one.key, one)
+    result = []
+    for one in list(found.values())[: choice.problem.settings.verdict.rivals]:
+        behind = float((one.fit.cost - chosen.fit.cost)[held].sum()) / 2 / max(1.0, chosen.held_out)
+        values = "; ".join(", ".join(f"{value:.4g}" for value in parameters_of(effect)) for effect in one.effects)
+        result.append(Rival(tuple(label(one.effects).split(" + ")), error_of(one.effects), behind, values))
+    return tuple(result)
+
+
+def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float]:
+    """Models that would be taken for the chosen one, and the chance that none was.
+
+    Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood
+    ratio data of one are then taken for the other with probability Phi(-D / 2).
+    """
+    settings, chosen = choice.problem.settings.verdict, choice.chosen
+    scale = max(1.0, chosen.train)
+    sure, found = 1.0, []
+    seen = {chosen.key}
+    for one in sorted(choice.models, key=lambda one: one.held_out):
+        nested = one.key > chosen.key or one.key < chosen.key
+        if one.key in seen or not one.effects or nested or one.fit.residuals.shape != chosen.fit.residuals.shape:
+            continue
+        seen.add(one.key)
+        apart = float(np.sqrt(((one.fit.residuals - chosen.fit.residuals) ** 2).sum() / scale))
+        behind = float((one.fit.cost - chosen.fit.cost).sum()) / scale
+        mistaken = float(stats.norm.cdf(-apart / 2)) if behind < settings.undecided * apart**2 else 0.0
+        if mistaken >= settings.confused or not is_better(choice.problem, one, chosen):
+            mistaken = max(mistaken, settings.confused)
+            found.append(Confusion((label(chosen.effects), label(one.effects)), experiment(chosen.key, one.key)))
+        sure *= 1 - mistaken
+    return tuple(found), round(sure, 3)
+
+
+def experiment(first: frozenset[str], second: frozenset[str]) -> str:
+    """What would tell two models apart, given as sets of labels such as ``delay:elbow``; by what their effects say of each other."""
+    names = [{part.split(":")[0] for part in labels} for labels in (first, second)]
+    for one in sorted(names[0] - names[1] or names[0]):
+        for other in sorted(names[1] - names[0] or names[1]):
+            found = CATALOGUE[one].told_apart.get(other) or CATALOGUE[other].told_apart.get(one)
+            if found:
+                return found
+    return "record again with larger and faster motion of the joints concerned, reversals and standstills included"

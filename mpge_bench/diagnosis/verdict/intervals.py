@@ -1,0 +1,49 @@
+"""The chosen effects with the 95% intervals of their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.verdict.result import Estimate, FoundEffect
+from mpge_bench.envs.effects import Effect, UnknownTorque
+
+#: Of each parameter, one for each number.
+Intervals = dict[str, list[tuple[float, float]]]
+
+
+def intervals(model: Model) -> list[tuple[Effect, Intervals]]:
+    """The effects of `model` that have a name, each with the 95% interval of each number of its parameters, within their bounds."""
+    result: list[tuple[Effect, Intervals]] = []
+    at = 0
+    for effect in [one for one in model.effects if one.named]:
+        found: Intervals = {}
+        for name, parameter in effect.parameters.items():
+            value = getattr(effect, name)
+            pairs = []
+            for one in value if isinstance(value, tuple) else (value,):
+                half = model.interval * model.standard_errors[at]
+                pairs.append((max(parameter.low, one - half), min(parameter.high, one + half)))
+                at += 1
+            found[name] = pairs
+        result.append((effect, found))
+    return result
+
+
+def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float) -> tuple[FoundEffect, ...]:
+    """What is reported of the chosen model: first what has a name."""
+    found = []
+    for effect, bounds in named:
+        parameters = {}
+        for name, parameter in effect.parameters.items():
+            value, many = getattr(effect, name), bounds[name]
+            low, high = (tuple(pair[side] for pair in many) if isinstance(value, tuple) else many[0][side] for side in (0, 1))
+            parameters[name] = Estimate(value, parameter.unit, low, high)
+        found.append(FoundEffect(effect.name, effect.target, confidence, parameters))
+    for curve in curves:
+        units = rig.units(curve.target)
+        signal = {"command": units.force, "q": units.position, "dq": units.velocity}[curve.signal]
+        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, curve.parameters["torque"].unit)}
+        found.append(FoundEffect(curve.name, curve.target, confidence, parameters, (curve.signal,)))
+    return tuple(found)

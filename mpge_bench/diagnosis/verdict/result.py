@@ -1,0 +1,302 @@
+"""What a diagnosis says, as one typed value: written to diagnosis.json, read back from it, and drawn by the report.
+
+The numbers behind the plots (`Evidence`) are part of it, but not of the file: a result that was read back has none, and its report has no plots.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+
+Array = npt.NDArray[np.float64]
+#: A number, the numbers of a vector, or nothing known.
+Value = float | tuple[float, ...] | None
+
+SCHEMA = "mpge_bench/diagnosis/1"
+VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the mismatch shows: a joint, a link or the world, its share of the residual force, 0 to 1, and the regime of motion it is at home in."""
+
+    kind: str
+    name: str
+    share: float
+    regime: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter with its 95% interval; the points of a curve have none."""
+
+    value: Value
+    unit: str
+    low: Value = None
+    high: Value = None
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that the diagnosis names, or ``"unknown"``, a curve.
+
+    Attributes:
+        confidence: that it is this and none of those it may be mistaken for, 0 to 1.
+        depends_on: signals that a curve is over.
+    """
+
+    effect: str
+    target: str
+    confidence: float | None
+    parameters: Mapping[str, Estimate]
+    depends_on: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A model that was tried.
+
+    Attributes:
+        effects: as labels, such as ``delay:elbow``.
+        held_out_error: in the fit's unit.
+        log_evidence_behind: the chosen model.
+        parameters: fitted, for people.
+    """
+
+    effects: tuple[str, ...]
+    held_out_error: float | None
+    log_evidence_behind: float | None
+    parameters: str = ""
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Models that these recordings cannot tell apart, and the experiment that would."""
+
+    models: tuple[str, ...]
+    experiment: str = "none known"
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Root mean square prediction error of the nominal and of the corrected simulator, and what the noise alone makes."""
+
+    before: float | None
+    after: float | None
+    noise_floor: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors on the held-out recordings, predicted up to `horizon` s ahead: of all positions together, and by channel."""
+
+    horizon: float | None = None
+    held_out: Errors = Errors(None, None, None, "")
+    channels: Mapping[str, Errors] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """Smallest size of an effect that these recordings would have shown."""
+
+    effect: str
+    target: str
+    parameter: str
+    size: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class JointEvidence:
+    """Force that the simulator lacks at one joint, row by row of all recordings, thinned out to a few thousand rows.
+
+    Attributes:
+        unit: of the force, N m or N; `angle` and `speed` are the units of q and dq.
+        share: of all joints' residual force before, 0 to 1.
+        noise: standard deviation of the residual force that the sensors' noise alone makes.
+    """
+
+    joint: str
+    unit: str
+    angle: str
+    speed: str
+    share: float
+    noise: float
+    time: Array
+    q: Array
+    dq: Array
+    command: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Law:
+    """The torque that a fitted effect adds to a joint, as a curve over the signal it depends on (dq, q or command), for drawing through `before`."""
+
+    effect: str
+    joint: str
+    signal: str
+    at: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A stretch of a held-out recording, predicted from its windows' starts by the nominal and by the corrected simulator."""
+
+    recording: str
+    joint: str
+    unit: str
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+    #: Times at which the predictions start anew from the recorded state.
+    restarts: Array
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The numbers behind the report's plots."""
+
+    joints: tuple[JointEvidence, ...] = ()
+    laws: tuple[Law, ...] = ()
+    trajectories: tuple[Trajectory, ...] = ()
+
+
+@dataclass(frozen=True)
+class DiagnosisResult:
+    """All that a diagnosis says.
+
+    Attributes:
+        verdict: one of `VERDICTS`.
+        p_value: of there being no mismatch.
+        where: the mismatch shows, most to blame first.
+        effects: that explain it.
+        alternatives: models that were tried, the best first.
+        indistinguishable: what the answer cannot be told from.
+        fit: how much better the simulator gets.
+        complete: whether the search came to its end within the time budget.
+        summary: the verdict in plain lines.
+        detectable: smallest sizes that these recordings would have shown.
+        checks: what the look at the data said (noise, sampling, channels left out), one sentence each.
+        about: horizon, recordings used for training and held out, seconds taken, for people.
+        settings: every threshold that was used.
+        evidence: not in the file.
+    """
+
+    verdict: str
+    p_value: float | None
+    where: tuple[Place, ...] = ()
+    effects: tuple[FoundEffect, ...] = ()
+    alternatives: tuple[Rival, ...] = ()
+    indistinguishable: tuple[Confusion, ...] = ()
+    fit: Accuracy = Accuracy()
+    complete: bool = True
+    summary: tuple[str, ...] = ()
+    detectable: tuple[Detectable, ...] = ()
+    checks: tuple[str, ...] = ()
+    about: Mapping[str, str] = field(default_factory=dict)
+    settings: DiagnosisSettings = DEFAULT
+    evidence: Evidence = Evidence()
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data as diagnosis.json holds them: infinities and NaN are null."""
+        held = self.fit.held_out
+        data = {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "p_value": self.p_value,
+            "where": [vars(one) for one in self.where],
+            "effects": [_effect_to_json(one) for one in self.effects],
+            "alternatives": [vars(one) for one in self.alternatives],
+            "indistinguishable": [one.models for one in self.indistinguishable],
+            "experiments": [one.experiment for one in self.indistinguishable],
+            "fit": {
+                "horizon_s": self.fit.horizon,
+                "held_out": {"before": held.before, "after": held.after, "noise_floor": held.noise_floor},
+                "channels": {name: vars(errors) for name, errors in self.fit.channels.items()},
+                "unit": held.unit,
+            },
+            "complete": self.complete,
+            "summary": self.summary,
+            "detectable": [vars(one) for one in self.detectable],
+            "checks": self.checks,
+            "about": self.about,
+            "settings": self.settings.to_dict(),
+        }
+        plain: dict[str, Any] = _plain(data)
+        return plain
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any], evidence: Evidence = Evidence()) -> DiagnosisResult:
+        """What `to_json` gave; fields that `data` does not hold are empty."""
+        experiments = data.get("experiments") or []
+        told = dict(enumerate(experiments))
+        return cls(
+            verdict=data["verdict"],
+            p_value=data.get("p_value"),
+            where=tuple(Place(**one) for one in data.get("where") or ()),
+            effects=tuple(_effect_from_json(one) for one in data.get("effects") or ()),
+            alternatives=tuple(Rival(**{**one, "effects": tuple(one["effects"])}) for one in data.get("alternatives") or ()),
+            indistinguishable=tuple(
+                Confusion(tuple(models), told.get(index, "none known")) for index, models in enumerate(data.get("indistinguishable") or ())
+            ),
+            fit=_fit_from_json(data.get("fit") or {}),
+            complete=data.get("complete", True),
+            summary=tuple(data.get("summary") or ()),
+            detectable=tuple(Detectable(**one) for one in data.get("detectable") or ()),
+            checks=tuple(data.get("checks") or ()),
+            about=data.get("about") or {},
+            settings=DiagnosisSettings.from_dict(data.get("settings") or {}),
+            evidence=evidence,
+        )
+
+
+def _effect_to_json(one: FoundEffect) -> dict[str, Any]:
+    parameters = {}
+    for name, estimate in one.parameters.items():
+        bounds = {} if estimate.low is None and estimate.high is None else {"low": estimate.low, "high": estimate.high}
+        parameters[name] = {"value": estimate.value, **bounds, "unit": estimate.unit}
+    signals = {"depends_on": one.depends_on} if one.depends_on else {}
+    return {"effect": one.effect, "target": one.target, "confidence": one.confidence, **signals, "parameters": parameters}
+
+
+def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
+    parameters = {
+        name: Estimate(_value(one.get("value")), one.get("unit") or "", _value(one.get("low")), _value(one.get("high")))
+        for name, one in data["parameters"].items()
+    }
+    return FoundEffect(data["effect"], data["target"], data.get("confidence"), parameters, tuple(data.get("depends_on") or ()))
+
+
+def _fit_from_json(data: Mapping[str, Any]) -> Accuracy:
+    def errors(one: Mapping[str, Any], unit: str) -> Errors:
+        return Errors(one.get("before"), one.get("after"), one.get("noise_floor"), unit)
+
+    channels = {name: errors(one, one.get("unit") or "") for name, one in (data.get("channels") or {}).items()}
+    return Accuracy(data.get("horizon_s"), errors(data.get("held_out") or {}, data.get("unit") or ""), channels)
+
+
+def _value(value: Any) -> Value:
+    return tuple(value) if isinstance(value, list | tuple) else value
+
+
+def _plain(value: Any) -> Any:
+    """JSON's own types, without infinities."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

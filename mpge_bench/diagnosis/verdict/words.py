@@ -1,0 +1,81 @@
+"""The verdict in plain lines, and what the look at the data said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mpge_bench.diagnosis.data.motion import resolution
+from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.settings import VerdictSettings
+from mpge_bench.diagnosis.verdict.intervals import Intervals
+from mpge_bench.diagnosis.verdict.result import Accuracy, Place, Rival
+from mpge_bench.envs.effects import Effect
+
+
+def summary(
+    verdict: str,
+    p_value: float,
+    named: Sequence[tuple[Effect, Intervals]],
+    curves: Sequence[Effect],
+    fit: Accuracy,
+    rivals: Sequence[Rival],
+    where: Sequence[Place],
+    settings: VerdictSettings,
+    *,
+    late: bool,
+) -> tuple[str, ...]:
+    """What was found, how much it helps, and what it was held against."""
+    held, horizon = fit.held_out, f"{fit.horizon:g} s"
+    assert held.before is not None
+    assert held.after is not None
+    assert held.noise_floor is not None
+    lines = []
+    if verdict == "no_mismatch":
+        lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise (p = {p_value:.2g}).")
+        lines.append(f"Held-out {horizon} prediction error: {held.before:.3g} {held.unit}; the noise alone makes {held.noise_floor:.3g}.")
+    else:
+        lines += [effect.say(bounds) for effect, bounds in named]
+        lines += [curve.say({}) for curve in curves]
+        if not named and not curves:
+            place = ", ".join(f"{one.name} ({100 * one.share:.0f}%, {one.regime})" for one in where[:2])
+            lines.append(f"There is a mismatch (p = {p_value:.2g}), and no physics of the catalogue explains it. It shows at: {place}.")
+        else:
+            at_noise = held.after < settings.at_noise * held.noise_floor
+            near = ", the sensors' noise" if at_noise else f"; the sensors' noise would be {held.noise_floor:.2g}"
+            lines.append(f"Held-out {horizon} prediction error falls from {held.before:.3g} to {held.after:.3g} {held.unit}{near}.")
+        if verdict == "partly_explained":
+            lines.append("Named physics explains only part of it; see the report for where the rest shows.")
+        out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
+        if out and (named or curves):
+            lines.append("Ruled out: " + "; ".join(f"{' + '.join(one.effects)} (error {one.held_out_error:.3g})" for one in out) + ".")
+    if late:
+        lines.append("The time budget ended the search early: this is the best answer so far.")
+    return tuple(lines)
+
+
+def checks(problem: Problem) -> tuple[str, ...]:
+    """What the look at the data said: sampling, noise, channels left out, joints that were never commanded; one sentence each."""
+    rig, motion, recordings = problem.rig, problem.linear.motion, problem.recordings
+    doubts = problem.measurements.doubts
+    period = np.concatenate([np.diff(one.time) for one in recordings])
+    rate = 1 / float(np.median(period))
+    gap = f"; the largest gap is {1000 * period.max():.0f} ms" if period.max() > problem.settings.verdict.gap / rate else " without gaps"
+    found = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all, at {rate:.0f} Hz{gap}."]
+    steps, noise = resolution(motion), motion.layout.dx(problem.sigma)
+    for column, joint in enumerate(rig.joints):
+        units = rig.units(joint)
+        text = f"{joint}: noise of q about {noise[column]:.2g} {units.position}"
+        if steps[column] > 0:
+            text += f" (an encoder with steps of {steps[column]:.2g} {units.position})"
+        speed = motion.layout.ddx(problem.sigma)[column]
+        if np.isfinite(speed):
+            text += f", of dq about {speed:.2g} {units.velocity}."
+        else:
+            why = f"dq {doubts[joint]}, and is left out" if joint in doubts else "dq not recorded"
+            text += f"; {why}, so velocities are reconstructed from q."
+        found.append(text + (" Stated by the rig." if "q" in rig.noise else ""))
+        if rig.modes[joint] != "passive" and not any(np.ptp(one.u[:, column]) > 0 for one in recordings):
+            found.append(f"{joint}: never commanded, so nothing can be said of its motor.")
+    return tuple(found)

@@ -1,0 +1,54 @@
+"""When one model is better than another."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.choose.score import gain, is_better
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.fit.linear import Fit
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.settings import DEFAULT
+
+WINDOWS = 40
+PROBLEM: Any = SimpleNamespace(settings=DEFAULT, held_out=np.arange(WINDOWS) >= 30)
+
+
+def model(cost: np.ndarray) -> Model:
+    """One that leaves this sum of squares in each window."""
+    fit = Fit((), np.sqrt(cost)[:, None], np.zeros((0, WINDOWS, 1)))
+    level = float(np.mean(np.sqrt(cost)) ** 2)
+    return Model(fit, level, level, level, level, 0, np.zeros(0), 1.96)
+
+
+def test_gain_is_the_logarithm_of_the_share_that_is_left() -> None:
+    rng = np.random.default_rng(0)
+    cost = rng.uniform(0.9, 1.1, WINDOWS)
+    share, error = gain(model(cost), model(0.25 * cost), np.ones(WINDOWS, bool))
+    assert share == pytest.approx(np.log(4))
+    assert error == pytest.approx(0, abs=1e-6)
+
+
+def test_a_gain_must_be_material_and_hold_on_unseen_windows() -> None:
+    cost = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
+    assert is_better(PROBLEM, model(cost), model(0.9 * cost))
+    assert not is_better(PROBLEM, model(cost), model(0.995 * cost))
+    overfitted = np.where(PROBLEM.held_out, 1.1, 0.7) * cost
+    assert not is_better(PROBLEM, model(cost), model(overfitted))
+    # Far from the noise a tenth is needed.
+    assert not is_better(PROBLEM, model(100 * cost), model(95 * cost))
+
+
+def test_what_seldom_happens_is_judged_where_it_does() -> None:
+    cost = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
+    touched = cost + np.where(np.arange(WINDOWS) % 8 == 3, 3.0, 0.0)
+    assert is_better(PROBLEM, model(touched), model(cost))
+
+
+def test_work_comes_back_in_its_order() -> None:
+    with Workers(1) as workers:
+        assert workers.each(divmod, (17,), [2, 3, 4]) == [(8, 1), (5, 2), (4, 1)]

@@ -1,0 +1,207 @@
+"""A rig says what its file says, or in one line what is wrong with the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.hypotheses.candidates import candidate_targets
+from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, DcMotor, Effect, JointSpring, PositionServo, TorqueGain, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
+from mpge_bench.envs.errors import UserError
+
+from ..conftest import ARM, write_rig
+
+TORQUE = {"mode": "torque"}
+
+
+def refusal(path: Path) -> str:
+    """The one line with which the rig in the file is refused; it begins with the file's path."""
+    with pytest.raises(UserError) as error:
+        read_rig(path)
+    said = str(error.value)
+    assert "\n" not in said
+    return said
+
+
+def test_a_rig_is_what_its_file_says(tmp_path: Path) -> None:
+    joints = {"shoulder": {"mode": "position", "kp": 20, "kd": 0.5, "servo_period": 0.002}, "elbow": {"mode": "passive"}}
+    spring = {"effect": "joint_spring", "target": "elbow", "stiffness": 2.0}
+    rig = read_rig(write_rig(tmp_path, joints=joints, gravity=[0, 1, -9], noise={"q": 0.001}, effects=[spring], timestep=0.002, record_period=0.02))
+    assert (rig.joints, rig.driven, dict(rig.modes)) == (("shoulder", "elbow"), ("shoulder",), {"shoulder": "position", "elbow": "passive"})
+    assert (rig.timestep, rig.record_period, rig.gravity, rig.noise) == (0.002, 0.02, (0.0, 1.0, -9.0), {"q": 0.001})
+    servo, losses = PositionServo("shoulder", 20, 0.5, 0.002), (ViscousFriction("shoulder", 0.3), ViscousFriction("elbow", 0.05))
+    assert rig.nominal == (servo, *losses, JointSpring("elbow", 2.0))
+    gain, rub = TorqueGain("shoulder", 0.5), CoulombFriction("elbow", 0.1)
+    assert rig.chain([rub, gain])[:2] == (servo, gain)
+
+
+def test_what_a_rig_need_not_say(tmp_path: Path) -> None:
+    rig = read_rig(write_rig(tmp_path, timestep=None, record_period=None))
+    assert (rig.timestep, rig.record_period, rig.gravity, rig.noise) == (0.001, 0.01, (0.0, 0.0, -9.81), {})
+
+
+def test_numbers_may_be_written_as_in_yaml_1_2(tmp_path: Path) -> None:
+    path = write_rig(tmp_path)
+    path.write_text(path.read_text().replace("timestep: 0.001", "timestep: 5e-4") + "noise: {q: 1e-3, dq: 2.E-2}\n")
+    rig = read_rig(path)
+    assert (rig.timestep, rig.noise) == (5e-4, {"q": 1e-3, "dq": 0.02})
+
+
+def test_a_joints_losses_become_effects(tmp_path: Path) -> None:
+    path = write_rig(tmp_path)
+    (tmp_path / "arm.urdf").write_text(ARM.replace('damping="0.3"', 'friction="0.2"').replace('damping="0.05"', 'damping="0"'))
+    assert read_rig(path).nominal == (CoulombFriction("shoulder", 0.2),)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"robot": None}, "no key 'robot'"),
+        ({"joints": None}, "no key 'joints'"),
+        ({"gravty": [0, 0, -9.81]}, "unknown key 'gravty'; a rig has base, effects, gravity"),
+        ({"robot": 3}, "robot is 3; give the path"),
+        ({"robot": "nowhere.urdf"}, "nowhere.urdf: not a readable URDF or MJCF file"),
+        ({"base": "free"}, "base is 'free'; only mechanisms on a fixed base"),
+        ({"ground": {"friction": 0.8}}, "ground is given, but only mechanisms that touch nothing"),
+        ({"task": "hopper"}, "registered robots .* not supported yet"),
+        ({"timestep": 0}, "timestep is 0; give a positive number of seconds"),
+        ({"timestep": "1 ms"}, "timestep is '1 ms'; give a positive number"),
+        ({"timestep": True}, "timestep is True"),
+        ({"record_period": -0.01}, "record_period is -0.01"),
+        ({"gravity": -9.81}, "gravity is -9.81; give three numbers"),
+        ({"gravity": [0, 0, float("nan")]}, r"gravity is \[0, 0, nan\]; give three numbers"),
+        ({"noise": {"q": 0}}, "noise is .*give positive numbers"),
+        ({"noise": {"u": 0.1}}, "noise is .*give positive numbers"),
+        ({"noise": [0.1]}, "noise is .*give positive numbers"),
+        ({"joints": ["shoulder", "elbow"]}, "joints is .*give each recorded joint and its mode"),
+        ({"joints": {"shoulder": TORQUE, "elbow": TORQUE, "wrist": TORQUE}}, "joint 'wrist' is not in arm.urdf, which has shoulder, elbow"),
+        ({"joints": {"shoulder": TORQUE, "elbow": TORQUE, 3: TORQUE}}, "joint 3 is not in arm.urdf"),
+        ({"joints": {"shoulder": TORQUE}}, "joint 'elbow' of arm.urdf is not among the recorded joints"),
+        ({"joints": {"shoulder": TORQUE, "elbow": "torque"}}, "joint elbow is 'torque'; give its mode, such as elbow: {mode: torque}"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {"mode": "velocity"}}}, "joint elbow has mode 'velocity'; choose torque, position or passive"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {"mode": ["torque"]}}}, r"joint elbow has mode \['torque'\]"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {}}}, "joint elbow has mode None"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {"mode": "torque", "kp": 3}}}, "joint elbow in torque mode takes nothing more; got kp"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {"mode": "torque", 1: 3, "a": 2}}}, "takes nothing more; got 1, a"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {"mode": "position"}}}, "joint elbow in position mode takes kd, kp, servo_period; got nothing"),
+        ({"joints": {"shoulder": TORQUE, "elbow": {"mode": "position", "kp": "stiff"}}}, "position_servo on elbow: kp = stiff"),
+        ({"effects": {"effect": "torque_gain"}}, "effects is .*give a list"),
+        ({"effects": ["torque_gain"]}, r"effects\[0\]: an effect is a mapping"),
+        ({"effects": [{"effect": "torque_gain", "target": "elbow"}]}, r"effects\[0\]: effect torque_gain takes gain, target; got target"),
+        ({"effects": [{"effect": "torque_gain", "target": "wrist", "gain": 1.0}]}, "effect torque_gain: no joint 'wrist'; the model has shoulder, elbow"),
+        ({"effects": [{"effect": "mass_scale", "target": "hand", "factor": 1.0}]}, "no link 'hand'"),
+    ],
+)
+def test_what_is_wrong_with_a_rig_is_one_line(tmp_path: Path, changes: dict[str, Any], says: str) -> None:
+    path = write_rig(tmp_path, **changes)
+    with pytest.raises(UserError, match=says):
+        read_rig(path)
+    assert refusal(path).startswith(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (b"", "a rig is a YAML mapping with robot, joints, ...; this is NoneType"),
+        (b"- robot", "this is list"),
+        (b"robot: [", "not a readable rig"),
+        (b"robot: a\n  b: c: d", "not a readable rig"),
+        (b"\xff\xfe\x00\x01", "not a readable rig"),
+        (b"robot: !!python/object/apply:os.getcwd []", "not a readable rig"),
+        (b"? [a]\n: b", "not a readable rig"),
+    ],
+)
+def test_what_is_no_yaml_mapping_is_one_line(tmp_path: Path, text: bytes, says: str) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_bytes(text)
+    assert says in refusal(path)
+    assert refusal(path).startswith(str(path))
+
+
+def test_what_is_no_file_is_one_line(tmp_path: Path) -> None:
+    assert "not a readable rig" in refusal(tmp_path / "nowhere.yaml")
+    assert "not a readable rig" in refusal(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('damping="0.3"', 'damping="some"'),
+        ('damping="0.3"', 'damping="-1"'),
+        ('mass value="0.8"', 'mass value="big"'),
+        ('iyy="0.01" izz="0.002"', 'iyy="0.01" izz="0.03"'),
+        ('iyy="0.01" izz="0.002"', 'iyy="0.01" izz="-0.002"'),
+        ('<child link="upper"/><axis xyz="0 1 0"/>', '<child link="upper"/><axis xyz="0 0 0"/>'),
+        ('<child link="upper"/><axis xyz="0 1 0"/>', '<child link="upper"/><axis xyz="0 1"/>'),
+    ],
+)
+def test_what_is_wrong_with_the_robots_file_is_one_line(tmp_path: Path, old: str, new: str) -> None:
+    path = write_rig(tmp_path)
+    assert old in ARM
+    (tmp_path / "arm.urdf").write_text(ARM.replace(old, new))
+    assert refusal(path).startswith(str(tmp_path))
+
+
+@st.composite
+def effects(draw: st.DrawFn, rig: Rig) -> Effect:
+    """Any effect of the catalogue on anything in the rig that it can act on."""
+    # The arm has no shapes and no rotors.
+    name = draw(st.sampled_from(sorted(set(CATALOGUE) - {"contact_friction", "link_size", "rotor_scale"})))
+    kind = CATALOGUE[name]
+    values: dict[str, Any] = {}
+    points = draw(st.integers(1, 4))
+    for parameter, bound in kind.parameters.items():
+        # PyBullet's dynamics functions fail on links of a few kg m², for rounding alone.
+        low, high = max(bound.low, 1e-3 if bound.low >= 0 else -0.5), min(bound.high, 0.5)
+        number, count = st.floats(low, high), bound.size or points
+        values[parameter] = draw(number if bound.size == 1 else st.lists(number, min_size=count, max_size=count, unique=True).map(sorted).map(tuple))
+    if kind is UnknownTorque:
+        values["signal"] = draw(st.sampled_from(["q", "dq", "command"]))
+    return kind(draw(st.sampled_from(candidate_targets(rig, name))), **values)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_a_corrected_rig_is_a_rig_with_more_effects(rig: Rig, data: st.DataObject) -> None:
+    once, twice = (tuple(data.draw(st.lists(effects(rig), max_size=3))) for _ in range(2))
+    path = rig.path.parent / "corrected.yaml"
+    path.write_text(yaml.safe_dump(rig.corrected(once, rig.model.path.name)))
+    corrected = read_rig(path)
+    assert corrected.nominal == (*rig.nominal, *once)
+    assert (corrected.joints, corrected.modes, corrected.timestep, corrected.gravity) == (rig.joints, rig.modes, rig.timestep, rig.gravity)
+    path.write_text(yaml.safe_dump(corrected.corrected(twice, rig.model.path.name)))
+    assert read_rig(path).nominal == (*rig.nominal, *once, *twice)
+
+
+def test_a_rig_with_an_empty_list_of_effects_can_be_corrected(tmp_path: Path) -> None:
+    path = write_rig(tmp_path)
+    path.write_text(path.read_text() + "effects:\n")
+    assert read_rig(path).corrected([TorqueGain("elbow", 0.5)], "arm.urdf")["effects"] == [{"effect": "torque_gain", "target": "elbow", "gain": 0.5}]
+
+
+@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_parameters_are_replaced_in_order_and_within_bounds(rig: Rig, data: st.DataObject) -> None:
+    effect = data.draw(effects(rig).filter(lambda effect: not isinstance(effect, UnknownTorque | DcMotor)))
+    values = parameters_of(effect)
+    assert with_parameters(effect, values) == effect
+    low, high = bounds_of(effect)
+    assert all(a <= value <= b for a, value, b in zip(low, values, high, strict=True))
+    assert parameters_of(with_parameters(effect, [value + 1e9 for value in values])) == high
+    assert parameters_of(with_parameters(effect, [value - 1e9 for value in values])) == low
+
+
+def test_effects_act_on_what_they_can_act_on(tmp_path: Path) -> None:
+    rig = read_rig(write_rig(tmp_path, joints={"shoulder": TORQUE, "elbow": {"mode": "passive"}}))
+    assert candidate_targets(rig, "torque_gain") == ("shoulder",)
+    assert candidate_targets(rig, "viscous_friction") == ("shoulder", "elbow")
+    assert candidate_targets(rig, "sensor_bias") == ("shoulder", "elbow")
+    assert candidate_targets(rig, "payload") == ("upper", "lower")
+    assert candidate_targets(rig, "gravity") == ("world",)

@@ -1,0 +1,38 @@
+"""Screening: what could explain a residual is among the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.fit.screen import screen
+from mpge_bench.envs.effects import Effect, TorqueBias, TorqueGain, TorqueLimit, ViscousFriction
+from mpge_bench.envs.effects.vector import parameters_of
+
+from ..conftest import Made
+
+
+@pytest.mark.parametrize("truth", [TorqueGain("hinge", 0.8), ViscousFriction("hinge", 0.1), TorqueBias("hinge", -0.2)])
+def test_the_true_effect_gains_most_and_is_fitted(made: Callable[..., Made], truth: Effect) -> None:
+    _, fitter, found = made(truth)
+    looked = screen(fitter, found, fitter.fit([]), draws=99)
+    assert looked.p_value <= 0.01
+    ranked = sorted(looked.gains, key=lambda one: -looked.gains[one])
+    assert truth.name in [one.name for one in ranked[:6]]
+    fitted = fitter.grow([], next(one for one in ranked if one.name == truth.name))
+    assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.03)
+    assert fitted.cost.sum() < fitter.fit([]).cost.sum() / 10
+    step = np.zeros_like(fitted.residuals)
+    assert fitted.jacobian.shape == (1, *step.shape)
+
+
+def test_what_acts_on_few_windows_is_among_the_first(made: Callable[..., Made]) -> None:
+    # Reached in one window or two, beside all the others' noise.
+    _, fitter, found = made()
+    delivered = np.sort(np.abs(fitter.predictor.delivered).max((1, 2)))
+    _, fitter, found = made(TorqueLimit("hinge", float(delivered[-3])))
+    looked = screen(fitter, found, fitter.fit([]), draws=19)
+    ranked = sorted(looked.gains, key=lambda one: -looked.gains[one])
+    assert "torque_limit" in [one.name for one in ranked[:4]]

@@ -1,0 +1,173 @@
+"""The linearised simulator says what PyBullet does, but for what is second order in the change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from mpge_bench.diagnosis.data.motion import Motion, motion_of
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor
+from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
+from mpge_bench.envs.effects import (
+    AirDrag,
+    Armature,
+    ComOffset,
+    Delay,
+    Effect,
+    ExternalForce,
+    Gravity,
+    InertiaScale,
+    JointSpring,
+    Lag,
+    MassScale,
+    Payload,
+    SensorBias,
+    SensorDelay,
+    SensorScale,
+    TorqueBias,
+    TorqueGain,
+    ViscousFriction,
+)
+
+from ..conftest import record
+
+Array = npt.NDArray[np.float64]
+
+
+def exact(rig: Rig, recording: Recording) -> Motion:
+    """The recording, which has no noise, as the reference motion."""
+    motion = motion_of([recording], rig)
+    n = motion.joints
+    return replace(motion, state=motion.measured, spread=np.full(n, 1e-6), sigma=np.ones(2 * n))
+
+
+class Case:
+    """A window of the rig's own motion, in PyBullet and linearised."""
+
+    def __init__(self, rig: Rig, period: float = 0.005) -> None:
+        self.rig, self.recording = rig, record(rig, period=period)
+        motion = exact(rig, self.recording)
+        self.linear = LinearisedSimulator(rig, motion)
+        windows = windows_of(motion, 0.2)
+        self.predictor = WindowPredictor(self.linear, windows, motion.sigma)
+        self.index = len(windows.start) // 2
+        self.rows = windows.start[self.index] + np.arange(windows.length + 1)
+        self.state = motion.state[0]
+
+    def moved(self, start: Array | float = 0.0, effects: Sequence[Effect] = ()) -> Array:
+        """How PyBullet's prediction changes if it begins `start` off the reference, under `effects`; shape (rows, 2 joints)."""
+        first = int(self.rows[0])
+        return BulletPredictor(self.rig, effects).run(self.recording, first, self.rows, self.state[first] + start, self.state) - self.state[self.rows]
+
+    def started(self, start: Array) -> Array:
+        """What the linearised simulator makes of the same start."""
+        found = [start]
+        for row in self.rows[:-1]:
+            found.append(self.linear.a[0, row] @ found[-1])
+        return np.array(found)
+
+    def changed(self, effects: Sequence[Effect]) -> Array:
+        """What it makes of the same effects."""
+        predictor = self.predictor
+        forcing = predictor.torques(effects) - predictor.delivered + predictor.bodies.torques(effects)
+        return np.asarray((predictor.propagate(forcing) + predictor.sensed(effects))[self.index])
+
+
+@pytest.fixture(scope="module")
+def case(rig: Rig) -> Case:
+    """A fifth of a second, in rows of 5 ms."""
+    return Case(rig)
+
+
+def test_the_simulators_own_motion_has_no_defects(case: Case) -> None:
+    n = case.linear.motion.joints
+    assert np.abs(case.linear.defects[..., :n]).max() < 5e-5
+    assert np.abs(case.linear.defects[..., n:]).max() < 5e-3
+    assert np.abs(case.linear.residual_torques()).max() < 0.05 * np.abs(case.linear.motion.u).max()
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_a_start_that_is_off_is_followed_to_second_order(case: Case, channel: int) -> None:
+    off = np.eye(4)[channel]
+    bent = []
+    for size in (0.1, 0.05, 0.025):
+        there, back = case.moved(size * off), case.moved(-size * off)
+        straight = case.started(size * off)
+        # What is first order: all but what rows of 5 ms, each linearised at its beginning, leave out.
+        assert np.abs((there - back) / 2 - straight).max() < 0.05 * np.abs(straight).max()
+        bent.append(np.abs((there + back) / 2).max())
+    assert bent[0] / bent[1] == pytest.approx(4, rel=0.1)
+    assert bent[1] / bent[2] == pytest.approx(4, rel=0.1)
+
+
+EFFECTS: dict[str, Callable[[float], Effect]] = {
+    "torque_gain": lambda size: TorqueGain("elbow", 1 - size),
+    "torque_bias": lambda size: TorqueBias("shoulder", 0.5 * size),
+    "viscous_friction": lambda size: ViscousFriction("elbow", 0.05 * size),
+    "air_drag": lambda size: AirDrag("elbow", 0.01 * size),
+    "joint_spring": lambda size: JointSpring("shoulder", 2 * size, 0.1),
+    "armature": lambda size: Armature("elbow", 0.005 * size),
+    "payload": lambda size: Payload("lower", 0.3 * size, 0.2),
+    "com_offset": lambda size: ComOffset("lower", 0.05 * size, 0.0, 0.02 * size),
+    "inertia_scale": lambda size: InertiaScale("upper", 1 + size),
+    "mass_scale": lambda size: MassScale("lower", 1 + 0.3 * size),
+    "gravity": lambda size: Gravity("world", (size, 0.0, -9.81 + size)),
+    "external_force": lambda size: ExternalForce("lower", (size, 0.0, size)),
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effects_change_is_predicted_to_second_order(case: Case, name: str) -> None:
+    def missed(size: float) -> Array:
+        effects = [EFFECTS[name](size)]
+        return case.moved(effects=effects) - case.changed(effects)
+
+    size = 0.05
+    assert np.abs(missed(size)).max() < 0.06 * np.abs(case.moved(effects=[EFFECTS[name](size)])).max()
+    # Rows of 5 ms leave out something that is first order; it drops out of second differences.
+    bent = [np.abs(missed(2 * part) - 2 * missed(part)).max() for part in (size, size / 2, size / 4)]
+    assert bent[0] / bent[1] == pytest.approx(4, rel=0.15)
+    assert bent[1] / bent[2] == pytest.approx(4, rel=0.1)
+
+
+def test_long_rows_are_linearised_at_their_middle(rig: Rig) -> None:
+    effects = [TorqueGain("elbow", 0.999)]
+    for period in (0.02, 0.005):
+        case = Case(rig, period)
+        moved = case.moved(effects=effects)
+        # At the rows' beginnings it would be 4% with rows of 20 ms.
+        assert np.abs(moved - case.changed(effects)).max() < 0.02 * np.abs(moved).max()
+
+
+@pytest.mark.parametrize(
+    "effects", [(Delay("elbow", 0.004),), (Delay("shoulder", 0.0125),), (Lag("elbow", 0.01),), (Lag("shoulder", 0.02), Delay("elbow", 0.01))]
+)
+def test_effects_with_hidden_states_are_predicted(case: Case, effects: Sequence[Effect]) -> None:
+    moved = case.moved(effects=effects)
+    assert np.abs(moved - case.changed(effects)).max() < 0.1 * np.abs(moved).max()
+
+
+@pytest.mark.parametrize("effects", [(SensorBias("elbow", 0.1),), (SensorScale("elbow", 1.1),), (SensorDelay("shoulder", 0.013), SensorScale("shoulder", 0.9))])
+def test_sensors_read_the_same(case: Case, effects: Sequence[Effect]) -> None:
+    # A late sensor's velocity allows for the integrator's half step by what the motion at hand tells of it.
+    off = 5e-4 if any(isinstance(effect, SensorDelay) for effect in effects) else 1e-9
+    assert case.changed(effects) == pytest.approx(case.moved(effects=effects), abs=off)
+
+
+def test_what_a_start_explains_is_projected_out(case: Case) -> None:
+    rng = np.random.default_rng(0)
+    predictor = case.predictor
+    error = np.zeros_like(predictor.state)
+    error[case.index] = case.started(0.01 * rng.standard_normal(4))
+    assert np.abs(predictor.project(error)).max() < 1e-9
+    assert predictor.starts(error)[case.index] == pytest.approx(error[case.index, 0], abs=1e-8)
+    once = predictor.project(error + 1).reshape(error.shape)
+    again = predictor.project(np.divide(once, predictor.weight, out=np.zeros_like(once), where=predictor.weight > 0))
+    assert np.abs(again.reshape(error.shape) - once).max() < 1e-9

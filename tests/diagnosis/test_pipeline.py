@@ -1,0 +1,136 @@
+"""The whole diagnosis on small mechanisms with a known effect, on the command line as a user would, and on what it must refuse."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
+from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, TorqueGain, TorqueLimit, UnknownTorque
+
+from ..conftest import PATIENCE
+from .conftest import write_case
+
+
+def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
+    rig = write_case(tmp_path, [TorqueGain("hinge", 0.8)])
+    arguments = ["diagnose", "--rig", rig, "--recording", tmp_path / "train_*.csv", "--out", tmp_path / "report"]
+    done = subprocess.run([sys.executable, "-m", "mpge_bench", *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 0, done.stderr
+    assert "hinge's motor delivers 80" in done.stdout
+    data = json.loads((tmp_path / "report" / "diagnosis.json").read_text())
+    assert data["schema"] == "mpge_bench/diagnosis/1"
+    assert data["verdict"] == "explained"
+    assert [(one["effect"], one["target"]) for one in data["effects"]] == [("torque_gain", "hinge")]
+    gain = data["effects"][0]["parameters"]["gain"]
+    assert gain["value"] == pytest.approx(0.8, rel=0.01)
+    assert gain["low"] <= gain["value"] <= gain["high"]
+    assert data["where"][0]["name"] == "hinge"
+    held = data["fit"]["held_out"]
+    # The recordings are of a finer physics step, whose difference comes on top of the noise.
+    assert held["after"] < 1.6 * held["noise_floor"] < held["before"] / 10
+    assert "hinge" in (tmp_path / "report" / "report.html").read_text()
+    # The corrected rig is a rig again: it predicts, and has no mismatch left.
+    corrected = tmp_path / "report" / "corrected.yaml"
+    status, _, err = in_process("simulate", "--rig", corrected, "--recording", tmp_path / "train_3.csv", "--out", tmp_path / "predicted.csv")
+    assert status == 0, err
+    again = read_rig(corrected)
+    recordings = read_recordings([tmp_path / f"train_{number}.csv" for number in range(4)], again)
+    assert diagnose(again, recordings).data["verdict"] == "no_mismatch"
+
+
+def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, velocities=False)
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    assert found.data["verdict"] == "no_mismatch"
+    assert found.data["p_value"] >= 0.01
+    assert found.data["effects"] == []
+    assert "effects" not in yaml.safe_load((tmp_path / "report" / "corrected.yaml").read_text()) or not found.effects
+
+
+def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
+    # Half as many physics steps: most of what this takes are fits in PyBullet.
+    rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False, timestep=0.002)
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    values = {one["effect"]: one["parameters"] for one in found.data["effects"]}
+    assert set(values) == {"delay", "coulomb_friction"}
+    assert values["delay"]["seconds"]["value"] == pytest.approx(0.02, abs=0.001)
+    assert values["coulomb_friction"]["torque"]["value"] == pytest.approx(0.15, rel=0.05)
+
+
+def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
+    at = np.linspace(-4, 4, 400)
+    rig = write_case(tmp_path, [UnknownTorque("hinge", "q", tuple(at), tuple(0.4 * np.sin(7 * at)))])
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    assert found.data["verdict"] == "unexplained"
+    assert {one["effect"] for one in found.data["effects"]} <= {"unknown"}
+    assert found.data["where"][0]["name"] == "hinge"
+    held = found.data["fit"]["held_out"]
+    assert held["after"] < held["before"] / 4
+
+
+def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
+    # On a single joint a rotor's inertia and its link's are one.
+    rig = write_case(tmp_path, [Armature("hinge", 0.03)])
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    (chosen,) = found.data["effects"]
+    assert {"armature:hinge", "inertia_scale:arm"} in [set(pair) for pair in found.data["indistinguishable"]]
+    assert f"{chosen['effect']}:{chosen['target']}" in ("armature:hinge", "inertia_scale:arm")
+
+
+def test_a_limit_that_is_seldom_reached_is_found(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueLimit("hinge", 1.6)])
+    recordings = read_recordings(sorted(tmp_path.glob("train_*.csv")), read_rig(rig))
+    assert np.mean([np.abs(one.u) > 1.6 for one in recordings]) < 0.1
+    found = diagnose(read_rig(rig), recordings)
+    assert [(one["effect"], one["target"]) for one in found.data["effects"]] == [("torque_limit", "hinge")]
+    assert found.data["effects"][0]["parameters"]["torque"]["value"] == pytest.approx(1.6, rel=0.02)
+
+
+def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueGain("hinge", 0.8), CoulombFriction("hinge", 0.2)])
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1, seconds=1.0)
+    assert not found.data["complete"]
+    assert "best answer so far" in " ".join(found.summary)
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda text: text.replace("q_hinge", "angle", 1), "no column q_hinge"),
+        (lambda text: text.replace("u_hinge", "u_wrist", 1), "u_wrist"),
+        (lambda text: "\n".join([*text.splitlines()[:40], "0.39,nan,0,0", *text.splitlines()[41:]]), "column u_hinge, row 40"),
+        (lambda text: "\n".join([*text.splitlines()[:40], "0.1,0,0,0", *text.splitlines()[41:]]), "column time, row 40"),
+        (lambda text: "\n".join(text.splitlines()[:10]), "too short"),
+    ],
+)
+def test_bad_recordings_are_refused_and_an_earlier_report_stays(tmp_path: Path, refused: Callable[..., str], damage: object, says: str) -> None:
+    rig = write_case(tmp_path, recordings=1)
+    report = tmp_path / "report"
+    report.mkdir()
+    (report / "diagnosis.json").write_text("earlier")
+    text = (tmp_path / "train_0.csv").read_text()
+    assert callable(damage)
+    (tmp_path / "train_0.csv").write_text(damage(text))
+    error = refused("diagnose", "--rig", rig, "--recording", tmp_path / "train_*.csv", "--out", report)
+    assert says in error
+    assert "train_0.csv" in error
+    assert (report / "diagnosis.json").read_text() == "earlier"
+    assert [path.name for path in report.iterdir()] == ["diagnosis.json"]
+
+
+def test_an_unstable_simulation_is_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
+    rig = write_case(tmp_path)
+    data = yaml.safe_load(rig.read_text()) | {"timestep": 0.01, "effects": [{"effect": "joint_spring", "target": "hinge", "stiffness": 1e5, "rest": 0.0}]}
+    rig.write_text(yaml.safe_dump(data))
+    assert "unstable" in refused("diagnose", "--rig", rig, "--recording", tmp_path / "train_*.csv", "--out", tmp_path / "report")
+    assert not (tmp_path / "report").exists()
