@@ -103,7 +103,9 @@ class ActorCritic:
             stacks |= {tuple(f"{name}.weight" for name in names): (width, size), tuple(f"{name}.bias" for name in names): (width,)}
         heads = ("action_net", "log_std_net")
         stacks |= {tuple(f"{name}.weight" for name in heads): (action_size, width), tuple(f"{name}.bias" for name in heads): (action_size,)}
-        stacks |= {("value_net.weight",): (1, width), ("value_net.bias",): (1,)} | {(name,): shape for name, shape in (further or {}).items()}
+        stacks[("value_net.weight",)], stacks[("value_net.bias",)] = (1, width), (1,)
+        for name, shape in (further or {}).items():
+            stacks[(name,)] = shape
         self.values = np.zeros(sum(len(names) * int(np.prod(shape)) for names, shape in stacks.items()), np.float32)
         self._gradient = np.zeros_like(self.values)
         (self._stacks, self.arrays), (self._stack_slopes, self._slopes) = (_views(vector, stacks) for vector in (self.values, self._gradient))
@@ -212,7 +214,9 @@ def _within(values: Array, low: float, high: float) -> Array:
 
 def _views(vector: Array, stacks: Mapping[tuple[str, ...], tuple[int, ...]]) -> tuple[list[Array], dict[str, Array]]:
     """The parts of `vector`, in order: stacks of arrays of one shape, and each array by its name."""
-    found, by_name, begin = [], {}, 0
+    found: list[Array] = []
+    by_name: dict[str, Array] = {}
+    begin = 0
     for names, shape in stacks.items():
         end = begin + len(names) * int(np.prod(shape))
         found.append(vector[begin:end].reshape(len(names), *shape))

@@ -70,7 +70,7 @@ def table(entries: list[dict[str, Any]]) -> Table:
 
 def rows(entries: list[dict[str, Any]]) -> list[tuple[str, ...]]:
     """What the overview says of each pair: name, how the target differs, where it is from, track, mismatch, and what actions can remove of it."""
-    found = []
+    found: list[tuple[str, ...]] = []
     for entry in entries:
         measured = entry["mismatch"]
         size, share = (f"{measured['mismatch']:.2g}", f"{max(measured['removable'], 0):.0%}") if measured else ("-", "-")
