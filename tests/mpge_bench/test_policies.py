@@ -62,7 +62,8 @@ def test_a_target_policy_learns_on_while_doubling_pays(tmp_path, monkeypatch):
     for worth in (-1.0, 1e6):
         monkeypatch.setattr(policies, "WORTH", worth)
         found[worth] = json.loads(train_policy(TASK, "target", 0, tmp_path).with_suffix(".json").read_text())
-    assert {number for *_, number in found[-1.0]["compared"]} == {0, -1, -2}
-    assert {number for *_, number in found[1e6]["compared"]} == {0, -1}
+    # A round, one more to double it, two more to double these.
+    assert {turn for turn, *_ in found[-1.0]["compared"]} == {0, 1, 2, 3}
+    assert {turn for turn, *_ in found[1e6]["compared"]} == {0, 1}
     assert found[-1.0]["fingerprints"] == TASK.fingerprints()
     assert found[-1.0]["steps"] > 128 + 128 + 256
