@@ -116,11 +116,12 @@ class _Place:
                     continue
                 agent.learn(until, share, advance)
                 if settings.compares:
-                    found, steps = self.play(agent.state(), agent.limit)
+                    weights = agent.state()
+                    found, steps = self.play(weights, agent.limit)
                     evaluated += steps
                     curve.append((turn, agent.steps, found, candidate))
                     if found > value:
-                        best, value = agent.state(), found
+                        best, value = weights, found
             return Learnt(best or agent.state(), value, agent.steps + evaluated, curve, origin)
 
     def play(self, weights: Weights, limit: float) -> tuple[float, int]:
@@ -175,8 +176,10 @@ def learn(
 
 def _best_of_each(found: Sequence[Learnt]) -> list[Learnt]:
     """The best of each origin, the best of all first."""
-    order = sorted(found, key=lambda one: -one.value)
-    return [one for place, one in enumerate(order) if one.origin not in {earlier.origin for earlier in order[:place]}]
+    best: dict[int, Learnt] = {}
+    for one in sorted(found, key=lambda one: -one.value):
+        best.setdefault(one.origin, one)
+    return list(best.values())
 
 
 def train_transfer(

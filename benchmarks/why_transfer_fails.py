@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +25,7 @@ import typer
 from rich.progress import track
 from safetensors.numpy import load_file
 
+from mpge_bench import markdown
 from mpge_bench.baselines.agent import learn
 from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.grounding.transformation import LearntTransformation
@@ -33,6 +33,7 @@ from mpge_bench.baselines.mpg import ground
 from mpge_bench.baselines.policy import PolicySet, single_policy
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import Task, get_task
+from mpge_bench.files import write_text
 from mpge_bench.harness.metrics import action_transformation_error
 from mpge_bench.harness.run import RunSettings, problem_of
 
@@ -53,12 +54,10 @@ def _write(name: str, rows: list[dict[str, Any]], digits: int) -> None:
     STUDIES.mkdir(parents=True, exist_ok=True)
     (STUDIES / f"{name}.json").write_text(json.dumps(rows, indent=1) + "\n")
     table = pd.DataFrame(rows)
-    lines = ["| " + " | ".join(map(str, table.columns)) + " |", "|" + "---|" * len(table.columns)]
-    for row in table.itertuples(index=False):
-        lines.append("| " + " | ".join(f"{value:.{digits}f}" if isinstance(value, float) else str(value) for value in row) + " |")
-    text, mark = PAGE.read_text(), f"<!-- {name} -->"
-    PAGE.write_text(re.sub(f"{mark}.*?{mark}", lambda _: "\n".join([mark, *lines, mark]), text, flags=re.S))
-    print("\n".join(lines))
+    shown = [[f"{value:.{digits}f}" if isinstance(value, float) else value for value in row] for row in table.itertuples(index=False)]
+    text = markdown.table(list(map(str, table.columns)), shown)
+    write_text(PAGE, markdown.with_table(PAGE, name, text))
+    print(text)
 
 
 @app.command()

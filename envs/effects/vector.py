@@ -37,18 +37,17 @@ def parameters_of(effect: Effect) -> list[float]:
 
 def bounds_of(effect: Effect) -> tuple[list[float], list[float]]:
     """Lower and upper bounds of `parameters_of(effect)`."""
-    sizes = [(parameter, _size(effect, name)) for name, parameter in _fitted(effect)]
-    return [p.low for p, size in sizes for _ in range(size)], [p.high for p, size in sizes for _ in range(size)]
+    return [one.low for one in _of_each(effect)], [one.high for one in _of_each(effect)]
 
 
 def neutrals_of(effect: Effect) -> list[float]:
     """The values of `parameters_of(effect)` at which it vanishes."""
-    return [parameter.neutral for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
+    return [one.neutral for one in _of_each(effect)]
 
 
 def steps_of(effect: Effect) -> list[float]:
     """Shares of their size by which `parameters_of(effect)` are moved to see what depends on them."""
-    return [parameter.step for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
+    return [one.step for one in _of_each(effect)]
 
 
 def values_of(effects: Sequence[Effect]) -> Array:
@@ -85,6 +84,11 @@ def rebuild(effects: Sequence[Effect], values: Array) -> list[Effect]:
 def _fitted(effect: Effect) -> list[tuple[str, Parameter]]:
     """The parameters that a fit may change: none of a nameless curve, which is solved for."""
     return list(effect.parameters.items()) if effect.named else []
+
+
+def _of_each(effect: Effect) -> list[Parameter]:
+    """What each number of `parameters_of(effect)` is."""
+    return [parameter for name, parameter in _fitted(effect) for _ in range(_size(effect, name))]
 
 
 def _size(effect: Effect, name: str) -> int:

@@ -31,6 +31,7 @@ from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
+from mpge_bench.files import write_text
 
 
 class Progress(Protocol):
@@ -128,7 +129,5 @@ def diagnose_files(
         "diagnosis.json": json.dumps(found.data, indent=1),
     }
     for name, text in texts.items():
-        part = out / f".{name}.part"
-        part.write_text(text, "utf-8")
-        part.replace(out / name)
+        write_text(out / name, text)
     return found

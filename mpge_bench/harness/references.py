@@ -20,6 +20,7 @@ from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.problem import Transitions, roll_out_each
 from mpge_bench.baselines.workers import side_by_side
 from mpge_bench.envs import Task, get_task
+from mpge_bench.files import write_text
 from mpge_bench.harness.metrics import action_transformation_error, action_transformation_floor, transition_error, transition_floor
 from mpge_bench.provenance import commit
 
@@ -136,8 +137,5 @@ def _over(found: list[Returns]) -> Returns:
 def write(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> Path:
     """Measure a pair's references and keep them."""
     path = path_of(get_task(address), folder)
-    text = json.dumps(asdict(measure(address, folder, jobs)), indent=1) + "\n"
-    partial = path.with_suffix(".partial")
-    partial.write_text(text)
-    partial.replace(path)
+    write_text(path, json.dumps(asdict(measure(address, folder, jobs)), indent=1) + "\n")
     return path

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
 
 SCHEMA = "mpge_bench/run/2"
 #: Written before references, fingerprints and access were settled; their figures do not compare with today's.
@@ -79,6 +80,4 @@ def normalized_return(policy: float, direct: float, optimal: float) -> float | N
 
 def write_result(path: Path, data: Mapping[str, Any]) -> None:
     """Write a result, atomically."""
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_text(json.dumps(data, indent=1) + "\n")
-    partial.replace(path)
+    write_text(path, json.dumps(data, indent=1) + "\n")

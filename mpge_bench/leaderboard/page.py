@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
 from mpge_bench.harness.perfect import STORE, perfect_text
 from mpge_bench.harness.result import read_result, renormalized, write_result
 from mpge_bench.leaderboard.plots import draw, pictures
@@ -57,9 +58,8 @@ def update(places: Places) -> list[Path]:
         for path in set(places.plots.glob("*.png")) - set(written):
             path.unlink()
         for path, text in texts(found, places).items():
-            partial = path.with_name(f".{path.name}.partial")
-            partial.write_text(text)
-            written.append(partial.replace(path))
+            write_text(path, text)
+            written.append(path)
     except OSError as error:
         raise UserError(f"{error.filename}: cannot be written to ({error.strerror})") from error
     return written

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from rich.table import Table
 
+from mpge_bench import markdown
 from mpge_bench.harness.perfect import Perfect
 from mpge_bench.leaderboard.estimates import Estimate, interquartile_mean, interquartile_means
 from mpge_bench.leaderboard.results import SHARES, Section, comparisons, perfect, sections
@@ -37,8 +38,7 @@ class Sheet:
 
     def markdown(self) -> str:
         """As a Markdown table, its title above it."""
-        lines = ["| " + " | ".join(self.headers) + " |", "|" + "---|" * len(self.headers)]
-        lines = [f"*{self.title}*", "", *lines, *("| " + " | ".join(row) + " |" for row in self.rows)]
+        lines = [f"*{self.title}*", "", markdown.table(self.headers, self.rows)]
         return "\n".join([*lines, *(["", self.note] if self.note else [])]) + "\n"
 
     def table(self) -> Table:

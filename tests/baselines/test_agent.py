@@ -22,6 +22,20 @@ SETTINGS = AgentSettings(steps=192, worlds=2, rollout_steps=32, batch_size=64, e
 CHOOSING = dataclasses.replace(SETTINGS, steps=384, rounds=2, candidates=3, finalists=2, checkpoints=2)
 
 
+@pytest.fixture
+def begun(monkeypatch):
+    """What each agent starts from, in order."""
+    begun = []
+
+    class Noted(PPO):
+        def __init__(self, worlds, settings, seed, *, start=None, log_dir=None):
+            begun.append(start)
+            super().__init__(worlds, settings, seed, start=start, log_dir=log_dir)
+
+    monkeypatch.setattr(agent, "PPO", Noted)
+    return begun
+
+
 def test_a_transfer_of_no_steps_leaves_the_policy_it_starts_from(pendulum_policies, tmp_path):
     problem = Problem(TASK, pendulum_policies, 10, seed=0)
     policy, steps = train_transfer(problem, Identity(), AgentSettings(steps=0), 0, Silent(), tmp_path)
@@ -45,15 +59,7 @@ def test_input_statistics_are_learnt_from_scratch():
     assert ((std > 1e-3) & (np.abs(std - 1) > 1e-3)).all()
 
 
-def test_the_best_of_each_start_goes_on_and_the_best_of_all_is_kept(pendulum_policies, monkeypatch):
-    begun = []
-
-    class Noted(PPO):
-        def __init__(self, worlds, settings, seed, *, start=None, log_dir=None):
-            begun.append(start)
-            super().__init__(worlds, settings, seed, start=start, log_dir=log_dir)
-
-    monkeypatch.setattr(agent, "PPO", Noted)
+def test_the_best_of_each_start_goes_on_and_the_best_of_all_is_kept(pendulum_policies, begun):
     found = learn(TASK.source, CHOOSING, 0, starts=pendulum_policies.weights)
     assert found.curve == sorted(found.curve)
     wanted = [(0, steps, one) for steps in (64, 128) for one in range(3)] + [(1, steps, one) for steps in (128, 192) for one in range(2)]
@@ -89,15 +95,7 @@ def test_settings_that_make_no_sense_are_one_line(name):
         dataclasses.replace(CHOOSING, **{name: 0})
 
 
-def test_half_as_many_starts_go_on_from_the_third_round_on(pendulum_policies, monkeypatch):
-    begun = []
-
-    class Noted(PPO):
-        def __init__(self, worlds, settings, seed, *, start=None, log_dir=None):
-            begun.append(start)
-            super().__init__(worlds, settings, seed, start=start, log_dir=log_dir)
-
-    monkeypatch.setattr(agent, "PPO", Noted)
+def test_half_as_many_starts_go_on_from_the_third_round_on(pendulum_policies, begun):
     learn(TASK.source, dataclasses.replace(CHOOSING, rounds=3, checkpoints=1), 0, starts=pendulum_policies.weights)
     assert begun[3] is not begun[4]
     assert begun[5] is begun[6]

@@ -11,6 +11,7 @@ from mpge_bench import pages
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, run
 from mpge_bench.leaderboard.results import collect
+from mpge_bench.markdown import with_table
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "leaderboard/README.md"]
@@ -32,7 +33,7 @@ def test_a_page_without_a_place_for_its_table_is_refused(tmp_path):
     (tmp_path / "page.md").write_text("<!-- pairs -->\n")
     for name in ("page.md", "missing.md"):
         with pytest.raises(UserError, match="no place for a table between two comments <!-- pairs -->"):
-            pages.with_table(tmp_path / name, "pairs", "")
+            with_table(tmp_path / name, "pairs", "")
 
 
 def test_the_readme_stays_a_page():
