@@ -21,7 +21,7 @@ from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import Transformation, Worlds
 from mpge_bench.baselines.workers import Advance, Crew
-from mpge_bench.envs import RobotEnv
+from mpge_bench.envs import RobotEnv, get_task
 from mpge_bench.envs.errors import UserError
 
 #: A state dict of `GaussianPolicy` as arrays.
@@ -135,6 +135,13 @@ def _mixed(*parts: int) -> int:
     return int(np.random.SeedSequence(parts).generate_state(1)[0]) >> 1
 
 
+def compile_ahead() -> None:
+    """Compile what agents learn with, by learning for a moment, so that worker processes find it on disk; where it is there already that takes a second."""
+    settings = PPOSettings(worlds=1, rollout_steps=2, batch_size=2, epochs=1)
+    with closing(Worlds(get_task("biased_pendulum").source, settings.worlds, 0)) as worlds:
+        PPO(worlds, settings, 0).learn(settings.rollout_steps, settings.rollout_steps, lambda _: None)
+
+
 def learn(
     make: Callable[[], RobotEnv],
     settings: AgentSettings,
@@ -160,6 +167,8 @@ def learn(
         jobs: processes that may be used.
     """
     progress = progress or Silent()
+    if jobs > 1:
+        compile_ahead()
     place = _Place(make, transformation, settings, seed, log_dir)
     found: list[Learnt] = []
     begins = [(starts[number % len(starts)], number) for number in range(settings.candidates)]

@@ -1,7 +1,7 @@
-"""PPO (Schulman et al. 2017) of a small Gaussian policy in numpy: stable-baselines3's algorithm, step by step, at several times its speed.
+"""PPO (Schulman et al. 2017) of a small Gaussian policy in compiled loops: stable-baselines3's algorithm, step by step, at several times its speed.
 
-A network of two layers of 64 is so small that torch spends most of its time on the way to the arithmetic and back; `benchmarks/train_speed.py` has the
-figures. A test holds an update against stable-baselines3's own.
+A network of two layers of 64 is so small that torch, and numpy too, spend most of their time on the way to the arithmetic and back, which is why that is
+compiled (`kernels`); `benchmarks/train_speed.py` has the figures. A test holds an update against stable-baselines3's own.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv
 
+from mpge_bench.baselines import kernels
 from mpge_bench.baselines.policy import CLIP, LOG_STD_RANGE
 from mpge_bench.baselines.workers import Advance
 
@@ -24,8 +25,8 @@ from mpge_bench.baselines.workers import Advance
 Array = npt.NDArray[Any]
 #: Share of the learning rate that is left at the end; it falls linearly.
 _FINAL_RATE = 0.1
-#: As in stable-baselines3: what the value's loss counts, the largest norm of a gradient, the largest scaled reward.
-_VALUE_COEFFICIENT, _GRADIENT_NORM, _REWARD_CLIP = 0.5, 0.5, 10.0
+#: As in stable-baselines3: the largest norm of a gradient, the largest scaled reward.
+_GRADIENT_NORM, _REWARD_CLIP = 0.5, 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,39 +52,20 @@ class PPOSettings:
 
 
 class _Adam:
-    """Adam (Kingma & Ba 2015) on one vector, with torch's order of operations and stable-baselines3's ε."""
-
-    _BETA: ClassVar = (0.9, 0.999)
-    _EPSILON = 1e-5
+    """Adam on one vector; `kernels.adam` has the law."""
 
     def __init__(self, size: int) -> None:
         self._mean, self._square = np.zeros(size, np.float32), np.zeros(size, np.float32)
-        self._scratch = np.zeros(size, np.float32)
         self._count = 0
 
     def step(self, values: Array, gradient: Array, rate: float) -> None:
         """Move `values`, in place, against `gradient`."""
         self._count += 1
-        first, second = self._BETA
-        mean, square, scratch = self._mean, self._square, self._scratch
-        mean *= first
-        mean += np.multiply(gradient, 1 - first, out=scratch)
-        square *= second
-        np.multiply(gradient, gradient, out=scratch)
-        scratch *= 1 - second
-        square += scratch
-        np.sqrt(square, out=scratch)
-        scratch /= np.sqrt(1 - second**self._count)
-        scratch += self._EPSILON
-        np.divide(mean, scratch, out=scratch)
-        scratch *= rate / (1 - first**self._count)
-        values -= scratch
+        kernels.adam(values, gradient, self._mean, self._square, self._count, rate)
 
 
 class ActorCritic:
-    """Actor and critic of two tanh layers each, all parameters in one vector; the numpy twin of `GaussianPolicy`, under the same names.
-
-    Both are worked out together, layer by layer: minibatches are so small that the number of calls counts as much as the arithmetic.
+    """Actor and critic of two tanh layers each, all parameters in one vector; the twin of `GaussianPolicy` without torch, under the same names.
 
     Attributes:
         values: all parameters, (p,).
@@ -96,7 +78,9 @@ class ActorCritic:
     def __init__(
         self, observation_size: int, action_size: int, width: int, rng: np.random.Generator, further: Mapping[str, tuple[int, ...]] | None = None
     ) -> None:
+        self._width, self._actions = width, action_size
         inputs = {0: observation_size, 2: width}
+        # The order is that of `kernels.layers`.
         stacks: dict[tuple[str, ...], tuple[int, ...]] = {}
         for layer, size in inputs.items():
             names = [f"mlp_extractor.{side}_net.{layer}" for side in ("policy", "value")]
@@ -108,7 +92,7 @@ class ActorCritic:
             stacks[(name,)] = shape
         self.values = np.zeros(sum(len(names) * int(np.prod(shape)) for names, shape in stacks.items()), np.float32)
         self._gradient = np.zeros_like(self.values)
-        (self._stacks, self.arrays), (self._stack_slopes, self._slopes) = (_views(vector, stacks) for vector in (self.values, self._gradient))
+        self.arrays, self._slopes = _views(self.values, stacks), _views(self._gradient, stacks)
         for side in ("policy", "value"):
             for layer, size in inputs.items():
                 self.arrays[f"mlp_extractor.{side}_net.{layer}.weight"][:] = np.sqrt(2) * _orthogonal((width, size), rng)
@@ -117,29 +101,8 @@ class ActorCritic:
         _orthogonal((action_size, width), rng)
         self.arrays["value_net.weight"][:] = _orthogonal((1, width), rng)
 
-    def _hidden(self, x: Array) -> tuple[Array, Array]:
-        """Both layers' outputs, of actor and critic, (2, n, width)."""
-        (first, first_bias), (second, second_bias) = self._stacks[:2], self._stacks[2:4]
-        one = self._observed(x) @ first.transpose(0, 2, 1)
-        one += first_bias[:, None]
-        np.tanh(one, out=one)
-        two = one @ second.transpose(0, 2, 1)
-        two += second_bias[:, None]
-        np.tanh(two, out=two)
-        return one, two
-
-    def _heads(self, x: Array, hidden: Array) -> tuple[Array, Array, Array]:
-        """Mean and logarithm of the standard deviation, not yet within its range, and value."""
-        actor, critic = hidden
-        weight, bias = self._stacks[4:6]
-        found = actor @ weight.reshape(-1, weight.shape[2]).T
-        found += bias.ravel()
-        size = weight.shape[1]
-        value = critic @ self.arrays["value_net.weight"][0] + self.arrays["value_net.bias"]
-        return self._mean(x, found[:, :size]), found[:, size:], value
-
     def _observed(self, x: Array) -> Array:
-        return x[:, : x.shape[1] - self.passed]
+        return np.ascontiguousarray(x[:, : x.shape[1] - self.passed]) if self.passed else x
 
     def _mean(self, x: Array, own: Array) -> Array:
         """The mean; a subclass may add to the network's own."""
@@ -150,8 +113,8 @@ class ActorCritic:
 
     def evaluate(self, x: Array) -> tuple[Array, Array, Array]:
         """At scaled observations (n, o): mean and logarithm of the standard deviation, both (n, actuators), in units of the action limit; values (n,)."""
-        mean, log_std, value = self._heads(x, self._hidden(x)[1])
-        return mean, _within(log_std, *LOG_STD_RANGE), value
+        _, _, own, log_std, value = kernels.forward(self.values, self._observed(x), self._width, self._actions)
+        return self._mean(x, own), _within(log_std, *LOG_STD_RANGE), value
 
     def gradient(self, x: Array, actions: Array, old: Array, advantages: Array, returns: Array, *, settings: PPOSettings) -> Array:
         """Gradient (p,) of PPO's loss on a minibatch of b, as in stable-baselines3's `PPO.train`; a view that the next call overwrites.
@@ -162,48 +125,14 @@ class ActorCritic:
             old: logarithms of the probabilities with which they were chosen (b,).
             advantages, returns: (b,).
         """
-        count = np.float32(1 / len(x))
-        one, two = self._hidden(x)
-        mean, raw, value = self._heads(x, two)
-        log_std = _within(raw, *LOG_STD_RANGE)
-        std = np.exp(log_std)
-        distance = (actions - mean) / std
-        ratio = np.exp(_log_probability(distance, log_std) - old)
-        advantages = advantages - advantages.mean()
-        advantages /= np.float32(np.sqrt(advantages @ advantages / (len(x) - 1)) + 1e-8)
-        # The minimum of ratio and clipped ratio times advantage has no slope where the clipped one is the smaller.
-        low, high = 1 - settings.clip_range, 1 + settings.clip_range
-        slope = np.where(advantages > 0, ratio <= high, ratio >= low) * ratio * advantages * -count
-        to_mean = slope[:, None] * distance / std
-        to_log_std = slope[:, None] * (distance * distance - 1) - np.float32(settings.entropy_coefficient) * count
-        to_log_std *= log_std == raw
-        missed = (value - returns) * (2 * _VALUE_COEFFICIENT * count)
-        self._back(x, one, two, np.concatenate((to_mean, to_log_std), 1), missed.astype(np.float32))
+        observed = self._observed(x)
+        one, two, own, log_std, value = kernels.forward(self.values, observed, self._width, self._actions)
+        mean, clip, entropy = self._mean(x, own), settings.clip_range, settings.entropy_coefficient
+        to_mean, to_heads, to_value = kernels.loss_slopes(mean, log_std, value, actions, old, advantages, returns, LOG_STD_RANGE, clip, entropy)
+        kernels.back(self.values, self._gradient, observed, one, two, to_heads, to_value, self._width)
         self._mean_gradient(x, to_mean)
-        norm = float(np.sqrt(self._gradient @ self._gradient))
-        if norm > _GRADIENT_NORM:
-            self._gradient *= np.float32(_GRADIENT_NORM / (norm + 1e-6))
+        kernels.shorten(self._gradient, _GRADIENT_NORM)
         return self._gradient
-
-    def _back(self, x: Array, one: Array, two: Array, heads: Array, value: Array) -> None:
-        """Write the gradients of all layers, those of the heads' outputs being `heads` (b, 2 actuators) and `value` (b,)."""
-        ones = np.ones(len(x), np.float32)
-        first, first_bias, second, second_bias, head, head_bias = self._stack_slopes[:6]
-        weight = self._stacks[4]
-        np.dot(heads.T, two[0], out=head.reshape(-1, head.shape[2]))
-        np.dot(ones, heads, out=head_bias.reshape(-1))
-        np.dot(value, two[1], out=self._slopes["value_net.weight"][0])
-        self._slopes["value_net.bias"][0] = value.sum()
-        slope = np.empty_like(two)
-        np.dot(heads, weight.reshape(-1, weight.shape[2]), out=slope[0])
-        np.multiply(value[:, None], self.arrays["value_net.weight"], out=slope[1])
-        slope *= 1 - two * two
-        np.matmul(slope.transpose(0, 2, 1), one, out=second)
-        np.matmul(ones, slope, out=second_bias)
-        slope = slope @ self._stacks[2]
-        slope *= 1 - one * one
-        np.matmul(slope.transpose(0, 2, 1), self._observed(x), out=first)
-        np.matmul(ones, slope, out=first_bias)
 
 
 def _within(values: Array, low: float, high: float) -> Array:
@@ -212,17 +141,15 @@ def _within(values: Array, low: float, high: float) -> Array:
     return found
 
 
-def _views(vector: Array, stacks: Mapping[tuple[str, ...], tuple[int, ...]]) -> tuple[list[Array], dict[str, Array]]:
-    """The parts of `vector`, in order: stacks of arrays of one shape, and each array by its name."""
-    found: list[Array] = []
-    by_name: dict[str, Array] = {}
+def _views(vector: Array, stacks: Mapping[tuple[str, ...], tuple[int, ...]]) -> dict[str, Array]:
+    """The parts of `vector` by their names; `stacks` holds, in order, names of arrays of one shape and that shape."""
+    found: dict[str, Array] = {}
     begin = 0
     for names, shape in stacks.items():
         end = begin + len(names) * int(np.prod(shape))
-        found.append(vector[begin:end].reshape(len(names), *shape))
-        by_name |= dict(zip(names, found[-1], strict=True))
+        found |= dict(zip(names, vector[begin:end].reshape(len(names), *shape), strict=True))
         begin = end
-    return found, by_name
+    return found
 
 
 def _orthogonal(shape: tuple[int, int], rng: np.random.Generator) -> Array:
@@ -231,12 +158,6 @@ def _orthogonal(shape: tuple[int, int], rng: np.random.Generator) -> Array:
     q, r = np.linalg.qr(tall)
     found: Array = q * np.sign(np.diag(r))
     return found if shape[0] >= shape[1] else found.T
-
-
-def _log_probability(distance: Array, log_std: Array) -> Array:
-    """Of actions `distance` standard deviations off the mean, (n,)."""
-    found: Array = -(np.float32(0.5) * distance * distance + log_std).sum(1) - np.float32(0.5 * np.log(2 * np.pi) * distance.shape[1])
-    return found
 
 
 @dataclass
@@ -294,7 +215,7 @@ class PPO:
         self.network.arrays["log_std_net.weight"][:] = 0
         self.network.arrays["log_std_net.bias"][:] = np.log(settings.initial_std)
         self._adam = _Adam(self.network.values.size)
-        self._reward_scale = RunningMeanStd(shape=())
+        self._reward_scale = kernels.no_rewards()
         self._log_dir, self._logger = log_dir, cast(Logger | None, None)
         self.worlds = worlds
         self._states: Array | None = None
@@ -320,10 +241,7 @@ class PPO:
             self._log()
 
     def _scaled(self, observations: Array) -> Array:
-        size = self.mean.size
-        found = observations.astype(np.float32)
-        found[:, :size] = np.clip((observations[:, :size] - self.mean) / self.std, -CLIP, CLIP)
-        return found
+        return kernels.scaled(observations, self.mean, self.std, CLIP)
 
     def collect(self, advance: Advance) -> tuple[_Rollout, Array]:
         """Act for a batch; what happened, and the values (n,) of the states that it ended in."""
@@ -337,10 +255,9 @@ class PPO:
             x = self._scaled(states)
             mean, log_std, rollout.values[step] = self.network.evaluate(x)
             noise = self.rng.standard_normal(mean.shape, np.float32)
-            action = mean + np.exp(log_std) * noise
-            rollout.observations[step], rollout.actions[step] = x, action
-            rollout.log_probabilities[step] = _log_probability(noise, log_std)
-            states, rewards, dones, infos = self.worlds.step(np.clip(action, -1, 1) * self.limit)  # type: ignore[assignment]
+            rollout.observations[step] = x
+            executed = kernels.act(mean, log_std, noise, self.limit, rollout.actions[step], rollout.log_probabilities[step])
+            states, rewards, dones, infos = self.worlds.step(executed)  # type: ignore[assignment]
             self.steps += count
             rollout.rewards[step] = self._rewarded(rewards, dones, infos)
             rollout.goes_on[step] = ~dones
@@ -355,9 +272,7 @@ class PPO:
     def _rewarded(self, rewards: Array, dones: Array, infos: list[dict[str, Any]]) -> Array:
         """Rewards in spreads of the discounted return; what an episode cut off by its time limit would still have brought is added."""
         gamma = self.settings.gamma
-        self._discounted = self._discounted * gamma + rewards
-        self._reward_scale.update(self._discounted)
-        scaled: Array = np.clip(rewards / np.sqrt(self._reward_scale.var + 1e-8), -_REWARD_CLIP, _REWARD_CLIP)
+        scaled: Array = kernels.scale_rewards(rewards, self._discounted, self._reward_scale, gamma, _REWARD_CLIP)
         if dones.any():
             self._discounted[dones] = 0
             for index in np.flatnonzero(dones):
@@ -376,10 +291,10 @@ class PPO:
         rate = settings.learning_rate * share
         for _ in range(settings.epochs):
             order = self.rng.permutation(len(x))
+            shuffled = [values[order] for values in (x, *flat)]
             for begin in range(0, len(order), settings.batch_size):
-                picked = order[begin : begin + settings.batch_size]
-                gradient = self.network.gradient(x[picked], *(values[picked] for values in flat), settings=settings)
-                self._adam.step(self.network.values, gradient, rate)
+                batch = (values[begin : begin + settings.batch_size] for values in shuffled)
+                self._adam.step(self.network.values, self.network.gradient(*batch, settings=settings), rate)
         if self._scale is not None:
             self.mean, self.std = self._scale.mean.copy(), np.maximum(np.sqrt(self._scale.var), 1e-6)
 

@@ -110,6 +110,7 @@ def sweep(
 
     It can be stopped at any time and called again: what is there is not run again. A run that fails is named at the end; the others go on.
     """
+    from mpge_bench.baselines.agent import compile_ahead
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness.run import RunSettings, remove_remains
@@ -124,6 +125,8 @@ def sweep(
     # A method that draws no samples is run once for all budgets.
     plan = list(dict.fromkeys(runs))
     failed: list[str] = []
+    if min(jobs, len(plan)) > 1:
+        compile_ahead()
     try:
         with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
             progress.stage(f"{len(plan)} runs", len(plan))
@@ -174,6 +177,7 @@ def train_policies(
     ungrounded source) is measured once and kept beside the pair's policies, in references.json.
     The entropy-regularised set (--kind er) is made of five source policies, too: each is paid to go where those before it are undecided (MPGE, section 4).
     """
+    from mpge_bench.baselines.agent import compile_ahead
     from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.harness import references
@@ -189,6 +193,8 @@ def train_policies(
     if not any(plans):
         _out.print(f"All policies of {task} are in {folder} already; --force trains them anew.")
         return
+    if jobs > 1:
+        compile_ahead()
     with ConsoleProgress() as progress:
         for one, plan in zip(kinds, plans, strict=True):
             if not plan:

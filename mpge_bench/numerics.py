@@ -2,10 +2,11 @@
 
 numpy, OpenBLAS, MKL and torch choose among routines for the processor they find; these round differently, and learning carries a last bit into another
 policy. `fix` asks all of them for AVX2's, which every x86-64 processor since 2013 (AMD: 2015) has, and for one thread, since sums split over threads round
-differently, too. It acts through environment variables, which the libraries read while they are imported, and worker processes inherit.
+differently, too. numba compiles for the processor it finds; it is to do so for any with AVX2 (x86-64-v3), and without FMA, which rounds once where a product
+and a sum round twice. All of it acts through environment variables, which the libraries read while they are imported, and worker processes inherit.
 
-What is left: another version of a library (results name theirs), a processor without AVX2, and the C library's sine and the like, which PyBullet calls and
-which choose by the processor as well (with FMA or without).
+What is left: another version of a library (results name theirs), a processor without AVX2, and the C library's sine and the like, which PyBullet and what
+numba compiles call and which choose by the processor as well (with FMA or without).
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ _WANTED = {
     "MKL_CBWR": "AVX2",
     "ATEN_CPU_CAPABILITY": "avx2",
     "ONEDNN_MAX_CPU_ISA": "AVX2",
+    "NUMBA_CPU_NAME": "x86-64-v3",
+    "NUMBA_CPU_FEATURES": "+avx2,-fma",
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
