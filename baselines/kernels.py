@@ -1,4 +1,4 @@
-"""The arithmetic of PPO on a small network, compiled: numpy would spend three quarters of a minibatch's time on the way from one call to the next.
+"""The arithmetic of PPO on a small network, compiled: numpy would spend most of the time on the way from one call to the next.
 
 All arrays are float32 unless said otherwise, and hidden layers have the features first, (features, n): so a bias is one number a row, actor and critic
 share one product in the first layer, and their halves of every layer are contiguous, as BLAS (numpy's `dot`, here scipy's) wants them. No sum is reordered

@@ -96,24 +96,25 @@ class Worlds(VecEnv):
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:
         executed = self.transformation(self.observations, self._actions, self.member)
-        rewards, dones = np.zeros(self.num_envs), np.zeros(self.num_envs, bool)
-        infos: list[dict[str, Any]] = []
-        for index, env in enumerate(self.envs):
-            observation, rewards[index], terminated, _, _ = env.advance(executed[index], self._actions[index])
-            self.observations[index] = observation
-            self._elapsed[index] += 1
-            self._returns[index] += rewards[index]
-            truncated = not terminated and self._elapsed[index] >= self.episode_steps
-            info: dict[str, Any] = {}
-            if terminated or truncated:
-                dones[index] = True
-                info = {
-                    "terminal_observation": observation,
-                    "TimeLimit.truncated": truncated,
-                    "episode": {"r": self._returns[index], "l": int(self._elapsed[index]), "t": 0.0},
-                }
-                self._begin(index)
-            infos.append(info)
+        alike = executed is self._actions
+        paid, ended = [], []
+        for index, (env, action) in enumerate(zip(self.envs, executed, strict=True)):
+            # An action that is executed as it was chosen is to be one array, which then is looked through once.
+            self.observations[index], reward, terminated, _, _ = env.advance(action, action if alike else self._actions[index])
+            paid.append(reward)
+            ended.append(terminated)
+        rewards, terminations = np.array(paid), np.array(ended, bool)
+        self._elapsed += 1
+        self._returns += rewards
+        dones = terminations | (self._elapsed >= self.episode_steps)
+        infos: list[dict[str, Any]] = [{} for _ in self.envs]
+        for index in np.flatnonzero(dones).tolist():
+            infos[index] = {
+                "terminal_observation": self.observations[index].copy(),
+                "TimeLimit.truncated": not ended[index],
+                "episode": {"r": self._returns[index], "l": int(self._elapsed[index]), "t": 0.0},
+            }
+            self._begin(index)
         self.steps += self.num_envs
         return self.observations.copy(), rewards, dones, infos
 

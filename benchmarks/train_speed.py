@@ -23,11 +23,13 @@ from rich.table import Table
 from stable_baselines3 import PPO as Shipped
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
+from mpge_bench.baselines.agent import compile_ahead
 from mpge_bench.baselines.ppo import PPO, PPOSettings
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import Task, get_task
 
-SETTINGS = PPOSettings(gamma=0.995, gae_lambda=0.97)
+#: Those of the presets.
+SETTINGS = PPOSettings(batch_size=64, epochs=10, learning_rate=6e-4, gamma=0.999, gae_lambda=0.97)
 
 
 def world_alone(task: Task, steps: int, seed: int) -> float:
@@ -84,6 +86,7 @@ def main() -> None:
     parser.add_argument("--returns", type=int, default=0, help="control steps after which returns are compared, three seeds each; 0 for none")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    compile_ahead()
     task, rounds = get_task(arguments.task), []
     for seed in track(range(arguments.rounds), "rounds"):
         alone = world_alone(task, arguments.steps, seed)

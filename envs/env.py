@@ -69,16 +69,20 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         Grounded environments execute the transformed action ã but pay the reward of the action a that the agent chose (MPGE's released code).
         """
         world, robot = self.world, self.robot
-        clipped = self._within(executed)
+        clipped, values = self._within(executed)
         before = world.q
-        world.step(self.commanded(clipped.tolist()))
-        paid = clipped if chosen is executed else self._within(chosen)
+        world.step(self.commanded(values))
+        paid = clipped if chosen is executed else self._within(chosen)[0]
         return robot.observation(*world.read()), robot.reward(before, world.q, paid), robot.terminated(world.q, world.dq), False, {}
 
-    def _within(self, action: Array) -> Array:
+    def _within(self, action: Array) -> tuple[Array, list[float]]:
+        """The action cut off at the limits, and the same as a list."""
         values = action.tolist()
         # Mostly there is nothing to clip, which Python sees faster than numpy.
-        return action if max(values) <= self._limit and min(values) >= -self._limit else np.clip(action, -self._limit, self._limit)
+        if max(values) <= self._limit and min(values) >= -self._limit:
+            return action, values
+        clipped = np.clip(action, -self._limit, self._limit)
+        return clipped, clipped.tolist()
 
     def commanded(self, action: Sequence[float]) -> list[float]:
         """What every joint is commanded under `action`, one number an actuator within the limits; 0 where nothing drives it.

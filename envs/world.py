@@ -191,7 +191,11 @@ class World:
         rubs = [effect.rubs for effect, _ in actuators]
         #: Dry friction that changes is worked out anew at every physics step; steady dry friction is set once.
         self._rubbing = any(rubs) and not all(effect.steady for (effect, _), rub in zip(actuators, rubs, strict=True) if rub)
-        self._actuators = [(*actuator, hidden, rub and self._rubbing) for actuator, hidden, rub in zip(actuators, self._hidden, rubs, strict=True)]
+        #: What an effect does to a command, to which joint, what it remembers, and its dry friction if that changes.
+        self._actuators = [
+            (effect.actuate, joint, hidden, effect.friction if rub and self._rubbing else None)
+            for (effect, joint), hidden, rub in zip(actuators, self._hidden, rubs, strict=True)
+        ]
         self._sensors = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "sensor"]
         self._readings: list[tuple[Array, Array]] = []
         bullet.setPhysicsEngineParameter(
@@ -336,8 +340,8 @@ class World:
             q, dq: the joints' positions and velocities recorded at their beginnings, same shape.
         """
         for command, position, velocity in zip(commands.tolist(), q.tolist(), dq.tolist(), strict=True):
-            for effect, joint, hidden, _ in self._actuators:
-                effect.actuate(command, joint, position, velocity, hidden)
+            for actuate, joint, hidden, _ in self._actuators:
+                actuate(command, joint, position, velocity, hidden)
 
     def read(self) -> tuple[Array, Array]:
         """What the sensors tell of q and dq now: the truth, but for effects on sensors."""
@@ -398,12 +402,12 @@ class World:
     def _delivered(self, command: Sequence[float]) -> Sequence[float]:
         if not self._actuators and not self._forces:
             return command
-        torque = list(command)
+        torque, angles, speeds = list(command), self._angles, self._speeds
         most = [0.0] * len(torque)
-        for effect, joint, hidden, rubs in self._actuators:
-            effect.actuate(torque, joint, self._angles, self._speeds, hidden)
-            if rubs:
-                most[joint] += float(effect.friction(torque, joint, self._angles, self._speeds))
+        for actuate, joint, hidden, friction in self._actuators:
+            actuate(torque, joint, angles, speeds, hidden)
+            if friction:
+                most[joint] += float(friction(torque, joint, angles, speeds))
         if self._rubbing:
             self._rub(most)
         if self._forces and not self.floating:
@@ -419,26 +423,26 @@ class World:
             )
 
     def _advance(self, torque: Sequence[float]) -> None:
+        client = self._client
         if self._flywheels:
             for body, indices, places in self._drives:
                 forces = [torque[place] for place in places]
-                bullet.setJointMotorControlArray(body, indices, bullet.TORQUE_CONTROL, forces=forces, physicsClientId=self._client)
+                bullet.setJointMotorControlArray(body, indices, bullet.TORQUE_CONTROL, forces=forces, physicsClientId=client)
         else:
-            bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=self._client)
+            bullet.setJointMotorControlArray(self._body, self._q_index, bullet.TORQUE_CONTROL, forces=torque, physicsClientId=client)
         if self._forces and self.floating:
             self._push()
-        bullet.stepSimulation(physicsClientId=self._client)
-        # Plain tuples until the control step is done: within it they are only indexed.
-        reading: Any = zip(*bullet.getJointStates(self._body, self._q_index, physicsClientId=self._client), strict=True)
-        self._angles, self._speeds, _, _ = reading
+        bullet.stepSimulation(physicsClientId=client)
+        states = bullet.getJointStates(self._body, self._q_index, physicsClientId=client)
+        # Plain lists until the control step is done: within it they are only indexed.
+        angles: Any = [state[0] for state in states]
+        speeds: Any = [state[1] for state in states]
         if self._flywheels:
             # The heavy side is the right one where the solver leaves a difference.
-            angles: Any = list(self._angles)
-            speeds: Any = list(self._speeds)
             self._limbs = [[speeds[joint]] for joint in self._flywheels]
-            for joint, wheel in zip(self._flywheels, bullet.getJointStates(self._wheel_body, self._wheels, physicsClientId=self._client), strict=True):
+            for joint, wheel in zip(self._flywheels, bullet.getJointStates(self._wheel_body, self._wheels, physicsClientId=client), strict=True):
                 angles[joint], speeds[joint], _, _ = wheel
-            self._angles, self._speeds = angles, speeds
+        self._angles, self._speeds = angles, speeds
 
     def _settle(self) -> None:
         """Take up the state at the end of a control step."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -101,7 +102,7 @@ class Robot(ABC):
 
     def command(self, action: Sequence[float]) -> list[float]:
         """What each actuator is commanded under `action`, one number each, within the limits: N m or N, or what the robot's servos take."""
-        return [gear * value for gear, value in zip(self._gears, action, strict=True)]
+        return list(map(operator.mul, self._gears, action))
 
     def rise(self, effects: Sequence[Effect]) -> float:
         """How much higher, m, the robot has to start for its feet to be where they are without `effects`, which may have given it longer legs."""
