@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.hypotheses.candidates import key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
@@ -41,6 +42,7 @@ class Problem:
     held_out: npt.NDArray[np.bool_]
     sigma: Array
     horizon: float
+    _simulated: dict[int, SimulatedWindows] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def rig(self) -> Rig:
@@ -63,6 +65,14 @@ class Problem:
     def scales(self) -> dict[str, Scale]:
         """How large things are at each joint."""
         return scales(self.linear)
+
+    def simulated(self, parts: int) -> SimulatedWindows:
+        """The simulator's own predictions in the windows, with the physics step in `parts`."""
+        if parts not in self._simulated:
+            windows, motion = self.windows, self.linear.motion
+            rows = (windows.start[:, None] + np.arange(windows.length + 1)) * motion.stride
+            self._simulated[parts] = SimulatedWindows(self.rig, self.recordings, windows.recording, rows, self.settings, parts=parts)
+        return self._simulated[parts]
 
     def fitter(self, effects: tuple[Effect, ...] | list[Effect] = ()) -> LinearFitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""

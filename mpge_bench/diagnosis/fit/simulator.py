@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem, judged
-from mpge_bench.diagnosis.predict.bullet import BulletPredictor
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, values_of
-from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
 
@@ -128,22 +126,11 @@ def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: A
 
 
 def predictions(problem: Problem, linear: LinearisedSimulator, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
-    """PyBullet's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
+    """The simulator's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
 
     Hidden states are warmed up along the reference of `linear`.
     """
-    windows, motion = problem.windows, linear.motion
-    found = np.empty((len(windows.start), windows.length + 1, starts.shape[-1]))
-    references = [_reference(problem, linear, r) for r in range(len(problem.recordings))]
-    rig = replace(problem.rig, timestep=problem.rig.timestep / parts)
-    try:
-        predictor = BulletPredictor(rig, effects, problem.settings)
-        for index, (r, k) in enumerate(zip(windows.recording, windows.start, strict=True)):
-            rows = np.arange(k, k + windows.length + 1) * motion.stride
-            found[index] = predictor.run(problem.recordings[r], int(rows[0]), rows, starts[index], references[r])
-    except UserError:
-        return None
-    return found
+    return problem.simulated(parts).predict(effects, starts, [_reference(problem, linear, r) for r in range(len(problem.recordings))])
 
 
 def _reference(problem: Problem, linear: LinearisedSimulator, r: int) -> Array:

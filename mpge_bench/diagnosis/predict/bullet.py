@@ -128,6 +128,23 @@ class BulletPredictor:
         world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
 
 
+def rows_in_bullet(rig: Rig, bodies: Sequence[Effect], states: Array, torques: Array, step: float, count: int) -> Array:
+    """Where `count` physics steps of `step` s, under constant joint torques from outside, lead from each of `states`, shape (rows, 2 joints).
+
+    Args:
+        bodies: the effects that alter the rig's model.
+        torques: N m, shape (rows, joints).
+    """
+    layout = rig.layout
+    world = replace(rig, nominal=()).world(bodies, timestep=step, substeps=count)
+    result = np.empty_like(states)
+    for state, torque, reached in zip(states, torques.tolist(), result, strict=True):
+        world.set_state(layout.q(state), layout.dq(state))
+        world.step(torque)
+        reached[:] = layout.state(world.q, world.dq)
+    return result
+
+
 def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> Recording:
     """The recording as `rig` with `effects` predicts it, restarted from the recorded state every `horizon` seconds.
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.predict.fast.laws import follow, has_law
 from mpge_bench.envs.effects import Effect, Hidden
 
 Array = npt.NDArray[np.float64]
@@ -29,16 +30,18 @@ def joint_torques(
     Returns:
         Torques, same shape.
     """
-    command = u.copy()
+    command: Array = np.array(u, float, order="C")
     rubbing: list[tuple[int, Array]] = []
     for effect, joint in chain:
         memory = Hidden(step) if inertia is None else Hidden(step, float(inertia[joint]))
-        if effect.is_stepwise(step):
-            for index in range(u.shape[-1]):
-                now = command[..., index]
-                effect.actuate(now, joint, q[..., index], dq[..., index], memory)
-        else:
+        if not effect.is_stepwise(step):
             effect.actuate(command, joint, q, dq, memory)
+        elif has_law(effect):
+            follow(effect, command[joint], q[joint], dq[joint], step, memory.inertia)
+        else:
+            # One that somebody has added and nobody has written for the compiler.
+            for index in range(u.shape[-1]):
+                effect.actuate(command[..., index], joint, q[..., index], dq[..., index], memory)
         most = effect.friction(command, joint, q, dq)
         if most is not None:
             rubbing.append((joint, most))

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.motion import Motion, between
 from mpge_bench.diagnosis.predict.bodies import BodyRegressor
+from mpge_bench.diagnosis.predict.fast.recurrences import flows, propagate
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.torques import joint_torques
 from mpge_bench.diagnosis.settings import PredictSettings
@@ -79,7 +80,7 @@ class WindowPredictor:
         self.state, self.measured = motion.state[at, rows], motion.measured[at, rows]
         usable = np.isfinite(self.measured) & np.isfinite(sigma) & (sigma < 1e6)
         self.weight = np.where(usable, 1 / sigma, 0.0)
-        self.flow = self._flow()
+        self.flow = flows(self.a)
         nothing = np.zeros((count, length, n))
         self.halved_error = self.propagate(nothing, linear.halved[at, before])
         # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
@@ -99,14 +100,6 @@ class WindowPredictor:
     @property
     def settings(self) -> PredictSettings:
         return self.linear.settings
-
-    def _flow(self) -> Array:
-        count, length, size = self.a.shape[0], self.windows.length, self.a.shape[-1]
-        flow = np.zeros((count, length + 1, size, size))
-        flow[:, 0] = np.eye(size)
-        for k in range(length):
-            flow[:, k + 1] = self.a[:, k] @ flow[:, k]
-        return flow
 
     @property
     def _warm(self) -> int:
@@ -185,11 +178,7 @@ class WindowPredictor:
 
     def propagate(self, forcing: Array, defects: Array | float = 0.0) -> Array:
         """Errors after each row from torques `forcing` (windows, intervals, joints) and `defects`, shape (windows, rows, 2 j)."""
-        kicks = (self.g @ forcing[..., None])[..., 0] + defects
-        error = np.zeros((kicks.shape[0], kicks.shape[1] + 1, kicks.shape[2]))
-        for k in range(kicks.shape[1]):
-            error[:, k + 1] = (self.a[:, k] @ error[:, k, :, None])[..., 0] + kicks[:, k]
-        return error
+        return propagate(self.a, self.g, forcing, defects)
 
     def project(self, error: Array) -> Array:
         """`error` (windows, rows, 2 j) in units of the noise, without what starting states explain; shape (windows, rows * 2 j)."""
