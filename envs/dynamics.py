@@ -99,6 +99,11 @@ class Tree:
         total: Array = np.sum([columns[link] @ body_parameters(*self._model.inertial(link)) for link in columns], axis=0)
         return total
 
+    def mass_matrix(self, q: Array) -> Array:
+        """Generalized inertia, shape (..., joints, joints), rotors left out."""
+        still = np.zeros_like(q)
+        return np.stack([self.inverse_dynamics(q, still, np.broadcast_to(unit, q.shape), np.zeros(3)) for unit in np.eye(q.shape[-1])], -1)
+
 
 def _about(axis: Array, angle: Array) -> Array:
     """Rotations by `angle` about `axis` (Rodrigues), shape (..., 3, 3)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.hypotheses.candidates import key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
@@ -42,7 +44,8 @@ class Problem:
     held_out: npt.NDArray[np.bool_]
     sigma: Array
     horizon: float
-    _simulated: dict[int, SimulatedWindows] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _simulated: Memory[int, SimulatedWindows] = field(default_factory=lambda: Memory(2), init=False, repr=False, compare=False)
+    _fitters: Memory[tuple[Effect, ...], LinearFitter] = field(default_factory=lambda: Memory(4), init=False, repr=False, compare=False)
 
     @property
     def rig(self) -> Rig:
@@ -68,14 +71,15 @@ class Problem:
 
     def simulated(self, parts: int) -> SimulatedWindows:
         """The simulator's own predictions in the windows, with the physics step in `parts`."""
-        if parts not in self._simulated:
-            windows, motion = self.windows, self.linear.motion
-            rows = (windows.start[:, None] + np.arange(windows.length + 1)) * motion.stride
-            self._simulated[parts] = SimulatedWindows(self.rig, self.recordings, windows.recording, rows, self.settings, parts=parts)
-        return self._simulated[parts]
+        windows = self.windows
+        rows = (windows.start[:, None] + np.arange(windows.length + 1)) * self.linear.motion.stride
+        return self._simulated.get(parts, lambda: SimulatedWindows(self.rig, self.recordings, windows.recording, rows, self.settings, parts=parts))
 
-    def fitter(self, effects: tuple[Effect, ...] | list[Effect] = ()) -> LinearFitter:
+    def fitter(self, effects: Sequence[Effect] = ()) -> LinearFitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
+        return self._fitters.get(tuple(effects), lambda: self._fitter(effects))
+
+    def _fitter(self, effects: Sequence[Effect]) -> LinearFitter:
         linear = rebase(self.linear, effects, self.sigma) if effects else self.linear
         predictor = WindowPredictor(linear, self.windows, self.sigma)
         if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:

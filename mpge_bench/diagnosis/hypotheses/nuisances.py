@@ -75,7 +75,7 @@ class Nuisances:
         predictor = self._predictor
         if not any(effect.rubs for effect, _ in predictor.linear.chain(effects)):
             return None
-        return predictor.project(predictor.propagate(predictor.torques(effects, predictor.settings.lead) - predictor.torques(effects)))
+        return predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
 
     def _motor_delays(self, effects: Sequence[Effect]) -> list[Array]:
         """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""

@@ -63,7 +63,7 @@ class LinearisedSimulator:
         count, rows, steps, n = motion.u.shape
         q, dq = motion.fine()
         flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
-        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, inertia=self.offered)
+        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, self.offered)
         return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
 
     @property

@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 
 def joint_torques(
-    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, lead: float = 0.0, inertia: Array | None = None
+    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, inertia: Array | None = None
 ) -> Array:
     """Joint torques that `chain` delivers along a given motion.
 
@@ -24,12 +24,21 @@ def joint_torques(
         q, dq: motion at these steps, same shape.
         step: physics step, s.
         spread: uncertainty of dq, rad/s, shape (joints,): dry friction changes sign over as much.
-        lead: dry friction goes by the velocity this much later, s.
         inertia: what each joint offers to a torque, kg m², shape (joints,), as `Hidden` has it; needed for motors with a hidden state.
 
     Returns:
         Torques, same shape.
     """
+    command, rubbing = driven(chain, u, q, dq, step, inertia)
+    for joint, most in rubbing:
+        command[joint] -= most * sliding(dq[joint], spread[joint])
+    return command
+
+
+def driven(
+    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, inertia: Array | None = None
+) -> tuple[Array, list[tuple[int, Array]]]:
+    """As `joint_torques`, dry friction apart: of each effect that is some, the joint and the most that it opposes, N m, shape (..., steps)."""
     command: Array = np.array(u, float, order="C")
     rubbing: list[tuple[int, Array]] = []
     for effect, joint in chain:
@@ -45,7 +54,10 @@ def joint_torques(
         most = effect.friction(command, joint, q, dq)
         if most is not None:
             rubbing.append((joint, most))
-    for joint, most in rubbing:
-        later = np.minimum(np.arange(u.shape[-1]) + round(lead / step), u.shape[-1] - 1)
-        command[joint] -= most * np.tanh(dq[joint][..., later] / max(spread[joint], 1e-9))
-    return command
+    return command, rubbing
+
+
+def sliding(dq: Array, spread: float, later: int = 0) -> Array:
+    """Which way a joint slides, from -1 to 1: the sign of `dq` (..., steps), known to within `spread`, `later` steps on."""
+    at = np.minimum(np.arange(dq.shape[-1]) + later, dq.shape[-1] - 1)
+    return np.asarray(np.tanh(dq[..., at] / max(spread, 1e-9)))

@@ -13,7 +13,8 @@ from mpge_bench.diagnosis.data.motion import Motion, between
 from mpge_bench.diagnosis.predict.bodies import BodyRegressor
 from mpge_bench.diagnosis.predict.fast.recurrences import flows, propagate
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
-from mpge_bench.diagnosis.predict.torques import joint_torques
+from mpge_bench.diagnosis.predict.memory import Memory
+from mpge_bench.diagnosis.predict.torques import driven, sliding
 from mpge_bench.diagnosis.settings import PredictSettings
 from mpge_bench.envs.effects import Effect
 
@@ -95,7 +96,10 @@ class WindowPredictor:
             self.base_error = np.zeros_like(self.state)
         self._intervals = motion.intervals()[at, before]
         self._u, self._q, self._dq = self._with_warm_up()
-        self._memory: dict[bool, list[Array]] = {}
+        self._stretches: dict[bool, list[Array]] = {}
+        #: By joint and the effects on it: most models that are compared differ at one joint only. The second as dry friction turns round early.
+        self._driven: Memory[tuple[int, tuple[Effect, ...]], tuple[Array, Array]] = Memory(64)
+        self._sliding: Memory[tuple[int, bool, bool], Array] = Memory(64)
 
     @property
     def settings(self) -> PredictSettings:
@@ -153,28 +157,53 @@ class WindowPredictor:
         """Values of the signal at all rows of all windows."""
         return np.asarray(self._signals()[signal][joint].ravel())
 
-    def torques(self, effects: Sequence[Effect], lead: float = 0.0) -> Array:
-        """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints); dry friction turns round `lead` s early."""
+    def torques(self, effects: Sequence[Effect], *, early: bool = False) -> Array:
+        """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints).
+
+        Args:
+            early: dry friction turns round as much before the velocity does as ``PredictSettings.lead`` says.
+        """
         chain = self.linear.chain(effects)
-        remembers = any(effect.remembers for effect, _ in chain)
-        u, q, dq = self._histories(remembers)
-        n, count = u.shape[0], u.shape[1]
+        found = []
+        for joint in range(self.linear.motion.joints):
+            own = tuple(effect for effect, place in chain if place == joint)
+            found.append(self._driven.get((joint, own), lambda joint=joint, own=own: self._drive(joint, own))[early])  # type: ignore[misc]
+        return np.stack(found, -1)
+
+    def _drive(self, joint: int, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Mean torque of each interval at one joint under `effects` on it, without and with dry friction's lead, shape (windows, intervals)."""
         motion = self.linear.motion
-        torque = joint_torques(chain, u, q, dq, motion.step, motion.spread, lead, self.linear.offered)
-        return np.moveaxis(torque.reshape(n, count, -1, motion.u.shape[2]).mean(-1)[:, :, -self.windows.length :], 0, -1)
+        remembers = any(effect.remembers for effect in effects)
+        u, q, dq = (values[joint : joint + 1] for values in self._histories(remembers))
+        command, rubbing = driven([(effect, 0) for effect in effects], u, q, dq, motion.step, self.linear.offered[joint : joint + 1])
+        now = early = self._means(command[0])
+        for _, most in rubbing:
+            now, early = (torque - self._means(most * self._slides(joint, remembers, lead)) for torque, lead in ((now, False), (early, True)))
+        return now, early
+
+    def _slides(self, joint: int, remembers: bool, early: bool) -> Array:
+        """Which way a joint slides, as `sliding` has it, with the warm-up if something `remembers`."""
+        motion = self.linear.motion
+        later = round(self.settings.lead / motion.step) if early else 0
+        return self._sliding.get((joint, remembers, early), lambda: sliding(self._histories(remembers)[2][joint], motion.spread[joint], later))
+
+    def _means(self, values: Array) -> Array:
+        """Of each interval of the windows, shape (windows, intervals), of `values` at physics steps, shape (windows, steps); a warm-up is left out."""
+        steps = self.linear.motion.u.shape[2]
+        return np.asarray(values[:, -self.windows.length * steps :].reshape(len(values), -1, steps).mean(-1))
 
     def _signals(self) -> dict[str, Array]:
         return dict(zip(("command", "q", "dq"), self._histories(False), strict=True))
 
     def _histories(self, remembers: bool) -> list[Array]:
         """u, q and dq, shape (joints, windows, physics steps), with the warm-up if something `remembers`."""
-        if remembers not in self._memory:
+        if remembers not in self._stretches:
             cut = slice(None) if remembers else slice(self._warm, None)
             n = self._u.shape[-1]
-            self._memory[remembers] = [
+            self._stretches[remembers] = [
                 np.ascontiguousarray(np.moveaxis(values[:, cut], -1, 0).reshape(n, len(values), -1)) for values in (self._u, self._q, self._dq)
             ]
-        return self._memory[remembers]
+        return self._stretches[remembers]
 
     def propagate(self, forcing: Array, defects: Array | float = 0.0) -> Array:
         """Errors after each row from torques `forcing` (windows, intervals, joints) and `defects`, shape (windows, rows, 2 j)."""
