@@ -113,13 +113,13 @@ class LinearisedSimulator:
         u, q, dq = (np.moveaxis(values, -1, 0) for values in (motion.u, *motion.fine()))
         soft = motion.spread + self.settings.softness
 
-        def answer(q: Array, dq: Array) -> Array:
-            return np.asarray(joint_torques(chain, u, q, dq, motion.step, soft).mean(-1))
+        def answer(joint: int, by_q: float, by_dq: float) -> Array:
+            own, at = [(effect, 0) for effect, place in chain if place == joint], slice(joint, joint + 1)
+            return np.asarray(joint_torques(own, u[at], q[at] + by_q, dq[at] + by_dq, motion.step, soft[at])[0].mean(-1))
 
-        at = answer(q, dq)
-        for joint, unit in enumerate(small * np.eye(motion.joints)):
-            shift = unit[:, None, None, None]
-            yield (answer(q + shift, dq) - at)[joint] / small, (answer(q, dq + shift) - at)[joint] / small
+        for joint in range(motion.joints):
+            at = answer(joint, 0.0, 0.0)
+            yield (answer(joint, small, 0.0) - at) / small, (answer(joint, 0.0, small) - at) / small
 
     def _find_defects(self) -> None:
         motion, layout = self.motion, self.motion.layout

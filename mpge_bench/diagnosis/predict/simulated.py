@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.data.checks import trusted
+from mpge_bench.diagnosis.data.motion import differentiate
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.predict.bullet import BulletPredictor
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor, stretches
 from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, Warm, mechanism
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
@@ -156,6 +158,31 @@ class SimulatedWindows:
                 effect.sense(layout.q(known), layout.dq(known), self._rig.joints.index(effect.target), step)
             seen[alike, back - count :] = known
         return seen[:, back:]
+
+
+def error_at_once(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect], settings: DiagnosisSettings = DEFAULT) -> Array:
+    """What `simulate` misses of the recorded positions, shape (rows, joints), all its stretches at once.
+
+    Raises:
+        UserError: if the simulation becomes unstable.
+    """
+    predictor = BulletPredictor(rig, effects, settings)
+    (recording,), _ = trusted([recording], rig, settings.data)
+    q, dq, _ = differentiate(recording, settings.data)
+    starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
+    missed = np.zeros_like(recording.q)
+    # A stretch of one row is the recording.
+    parts = [part for part in stretches(recording, horizon) if part[1] - part[0] > 1]
+    if not parts:
+        return missed
+    longest = max(end - first for first, end in parts)
+    rows = np.array([np.minimum(np.arange(first, first + longest), end - 1) for first, end in parts])
+    windows = SimulatedWindows(rig, [recording], np.zeros(len(parts), np.int64), rows, settings)
+    found = windows.predict(effects, starts[rows[:, 0]], [smooth])
+    if found is None:
+        raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in the rig")
+    missed[rows] = rig.layout.q(found) - recording.q[rows]
+    return missed
 
 
 def _read(time: Array, values: Array, at: Array) -> Array:

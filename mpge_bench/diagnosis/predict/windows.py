@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.motion import Motion, between
 from mpge_bench.diagnosis.predict.bodies import BodyRegressor
-from mpge_bench.diagnosis.predict.fast.recurrences import flows, propagate
+from mpge_bench.diagnosis.predict.fast.recurrences import flows, project, propagate
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.torques import driven, sliding
@@ -190,7 +190,7 @@ class WindowPredictor:
     def _means(self, values: Array) -> Array:
         """Of each interval of the windows, shape (windows, intervals), of `values` at physics steps, shape (windows, steps); a warm-up is left out."""
         steps = self.linear.motion.u.shape[2]
-        return np.asarray(values[:, -self.windows.length * steps :].reshape(len(values), -1, steps).mean(-1))
+        return np.asarray(values[:, -self.windows.length * steps :].reshape(len(values), -1, steps) @ np.full(steps, 1 / steps))
 
     def _signals(self) -> dict[str, Array]:
         return dict(zip(("command", "q", "dq"), self._histories(False), strict=True))
@@ -211,8 +211,7 @@ class WindowPredictor:
 
     def project(self, error: Array) -> Array:
         """`error` (windows, rows, 2 j) in units of the noise, without what starting states explain; shape (windows, rows * 2 j)."""
-        flat = (np.where(self.weight > 0, error, 0.0) * self.weight).reshape(len(error), -1)
-        return np.asarray(flat - (self._starts @ (np.swapaxes(self._starts, -1, -2) @ flat[..., None]))[..., 0])
+        return project(error.reshape(len(error), -1), self.weight.reshape(len(error), -1), self._starts)
 
     def starts(self, error: Array) -> Array:
         """Changes of the starting states, shape (windows, 2 j), that explain most of `error` (windows, rows, 2 j)."""

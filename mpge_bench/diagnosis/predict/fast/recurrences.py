@@ -30,23 +30,54 @@ def propagate(a: Array, g: Array, forcing: Array, defects: Array | float = 0.0) 
         Shape (windows, rows + 1, 2 j).
     """
     error = np.zeros((a.shape[0], a.shape[1] + 1, a.shape[2]))
-    every = np.ascontiguousarray(np.broadcast_to(defects, a.shape[:3]), float)
-    _propagated(np.ascontiguousarray(a), np.ascontiguousarray(g), np.ascontiguousarray(forcing, float), every, error)
+    # What each row adds stands where the error after it will.
+    error[:, 1:] = defects
+    _propagated(np.ascontiguousarray(a), np.ascontiguousarray(g), np.ascontiguousarray(forcing, float), error)
     return error
 
 
 @compiled
-def _propagated(a: Array, g: Array, forcing: Array, defects: Array, error: Array) -> None:
+def _propagated(a: Array, g: Array, forcing: Array, error: Array) -> None:
     windows, rows, size, inputs = g.shape
     for w in range(windows):
         for k in range(rows):
             for i in range(size):
-                total = defects[w, k, i]
+                total = error[w, k + 1, i]
                 for j in range(inputs):
                     total += g[w, k, i, j] * forcing[w, k, j]
                 for j in range(size):
                     total += a[w, k, i, j] * error[w, k, j]
                 error[w, k + 1, i] = total
+
+
+def project(error: Array, weight: Array, starts: Array) -> Array:
+    """`error` times `weight` without its part along `starts`, window by window.
+
+    Args:
+        error, weight: shape (windows, channels); where the weight is 0 the error may be anything.
+        starts: orthonormal columns, shape (windows, channels, directions).
+
+    Returns:
+        Shape (windows, channels).
+    """
+    result = np.empty(weight.shape)
+    _projected(np.ascontiguousarray(error, float), np.ascontiguousarray(weight), np.ascontiguousarray(starts), result)
+    return result
+
+
+@compiled
+def _projected(error: Array, weight: Array, starts: Array, result: Array) -> None:
+    windows, channels, directions = starts.shape
+    along = np.empty(directions)
+    for w in range(windows):
+        along[:] = 0.0
+        for k in range(channels):
+            result[w, k] = error[w, k] * weight[w, k] if weight[w, k] > 0.0 else 0.0
+            for d in range(directions):
+                along[d] += starts[w, k, d] * result[w, k]
+        for k in range(channels):
+            for d in range(directions):
+                result[w, k] -= starts[w, k, d] * along[d]
 
 
 def flows(a: Array) -> Array:
