@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -36,6 +37,7 @@ class Problem:
         held_out: which of them are kept from fitting, shape (windows,).
         sigma: the noise as it is estimated now, shape (2 joints,).
         horizon: how far ahead predictions are judged, s.
+        deadline: s of the monotonic clock, which all processes share, after which fits end as soon as they have an answer.
     """
 
     measurements: Measurements
@@ -44,6 +46,7 @@ class Problem:
     held_out: npt.NDArray[np.bool_]
     sigma: Array
     horizon: float
+    deadline: float = math.inf
     _simulated: Memory[int, SimulatedWindows] = field(default_factory=lambda: Memory(2), init=False, repr=False, compare=False)
     _fitters: Memory[tuple[Effect, ...], LinearFitter] = field(default_factory=lambda: Memory(4), init=False, repr=False, compare=False)
 
@@ -84,13 +87,13 @@ class Problem:
         predictor = WindowPredictor(linear, self.windows, self.sigma)
         if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:
             predictor = WindowPredictor(linear, self.windows, self.sigma, consistent=True)
-        return LinearFitter(predictor, ~self.held_out)
+        return LinearFitter(predictor, ~self.held_out, self.deadline)
 
 
-def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float) -> Problem:
-    """What is to be fitted: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
+def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float, deadline: float = math.inf) -> Problem:
+    """What is to be fitted until the `deadline`: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
     windows = windows_of(linear.motion, horizon)
-    return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon)
+    return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon, deadline)
 
 
 @dataclass(frozen=True)

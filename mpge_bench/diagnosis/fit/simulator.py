@@ -87,7 +87,7 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
         gained = np.inf if best is None else best.chi_square - chi_square
         if gained > 0:
             best = _Refined(tuple(effects), residuals, starts, chi_square)
-        if gained < settings.gained * chi_square or iteration == iterations:
+        if gained < settings.gained * chi_square or iteration == iterations or fitter.late:
             break
         starts = starts + predictor.starts(error)
         if fit.size:
@@ -108,7 +108,7 @@ def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: A
     least = np.inf
     # The physics step is nothing to a model that misses much more than the noise, and once is enough for one that is at it.
     for index in range(settings.step_passes if best.chi_square < settings.step_matters else 0):
-        if index and least < settings.clean:
+        if index and (least < settings.clean or fitter.late):
             break
         coarse, fine = (predictions(problem, predictor.linear, best.effects, starts, parts) for parts in (1, 2))
         if coarse is None or fine is None:
