@@ -81,7 +81,7 @@ class LinearFitter:
         return self.predictor.linear.motion.settings.fit
 
     def knowing(self, free: Array) -> LinearFitter:
-        """The same fitter with other free nuisances, as PyBullet's own predictions tell them."""
+        """The same fitter with other free nuisances, as the simulator's own predictions tell them."""
         other = copy.copy(self)
         other.free = free
         return other

@@ -1,4 +1,4 @@
-"""Models refined by prediction in PyBullet itself, with the linearised simulator's derivatives."""
+"""Models refined by prediction in the simulator itself, with the linearised simulator's derivatives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
     """The best parameters of `effects`, with the simulator linearised about them, and that fitter.
 
     Args:
-        evaluations: of the linearised simulator in fitting, before PyBullet's own predictions take over; 1 leaves the parameters to the latter.
+        evaluations: of the linearised simulator in fitting, before the simulator's own predictions take over; 1 leaves the parameters to the latter.
     """
     settings = problem.settings.fit
     try:
@@ -49,7 +49,7 @@ def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
 
 
 def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> tuple[Model, LinearFitter]:
-    """`fit` refined to the end, the error of the physics step taken from PyBullet, too; and the fitter that knows that."""
+    """`fit` refined to the end, the error of the physics step taken from the simulator, too; and the fitter that knows that."""
     best = _refined(problem, fitter, fit, iterations)
     residuals, free = _stepped(problem, fitter, best, fit.jacobian)
     return judged(problem, fitter, Fit(best.effects, residuals, fit.jacobian)), fitter.knowing(free)
@@ -57,7 +57,7 @@ def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
 
 @dataclass(frozen=True)
 class _Refined:
-    """Effects, what they leave in PyBullet's own prediction, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
+    """Effects, what they leave in the simulator, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
 
     effects: tuple[Effect, ...]
     residuals: Array
@@ -66,7 +66,7 @@ class _Refined:
 
 
 def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> _Refined:
-    """Gauss-Newton on parameters and starting states, with the predictions of PyBullet and the derivatives of the linearised simulator."""
+    """Gauss-Newton on parameters and starting states, with the predictions of the simulator and the derivatives of the linearised simulator."""
     settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
     effects = fit.effects
     starts = predictor.state[:, 0]
@@ -102,7 +102,7 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
 
 
 def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: Array) -> tuple[Array, Array]:
-    """What is left of `best` when the error of the physics step, as PyBullet has it, is forgiven; and the nuisances that are then within their limits."""
+    """What is left of `best` when the error of the physics step, as the simulator has it, is forgiven; and the nuisances that are then within their limits."""
     settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
     residuals, free, starts = best.residuals, fitter.free, best.starts
     least = np.inf

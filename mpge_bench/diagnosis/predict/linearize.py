@@ -5,8 +5,8 @@ About a reference motion x = (q, dq) that lies close to what was recorded, the s
     e[k + 1] = A[k] e[k] + d[k] + G[k] (f[k] - f_base[k])
 
 where d is what the simulator misses the reference by in one row, f the mean joint torque over the row under a set of effects, worked out along the
-reference by the effects' own laws, and A, G come from PyBullet's mass matrix and inverse dynamics. Second order in e only, and e is small: so a
-whole search over effects costs milliseconds a model. The survivors are then fitted in the simulator itself (`bullet.py`).
+reference by the effects' own laws, and A, G come from the mass matrix and inverse dynamics. Second order in e only, and e is small: so a
+whole search over effects costs milliseconds a model. The survivors are then fitted in the simulator itself (`simulated.py`).
 """
 
 from __future__ import annotations
