@@ -43,7 +43,7 @@ _NUMBERS = {
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint of a model: its place in the parent's frame (m, rotation matrix) and its axis in its own."""
+    """A joint of a model: its place in the parent's frame (m, rotation matrix), its axis in its own, and the positions of its end stops (rad, m), if any."""
 
     name: str
     kind: str
@@ -52,6 +52,7 @@ class Joint:
     origin: Array
     turn: Array
     axis: Array
+    stops: tuple[float, float] | None
 
 
 class Model:
@@ -139,6 +140,7 @@ class Model:
                 _vector(joint.find("origin"), "xyz", "0 0 0"),
                 _rotation(_vector(joint.find("origin"), "rpy", "0 0 0")),
                 _vector(joint.find("axis"), "xyz", "1 0 0"),
+                _stops(joint),
             )
             for joint in self._root.findall("joint")
             if not joint.attrib["name"].endswith(":rotor")
@@ -537,6 +539,15 @@ def _are_numbers(text: str, count: int) -> bool:
 
 def _vector(element: ET.Element | None, key: str, default: str) -> Array:
     return np.array([float(value) for value in (default if element is None else element.get(key, default)).split()])
+
+
+def _stops(joint: ET.Element) -> tuple[float, float] | None:
+    """A joint's end stops as Bullet takes them: none where the upper one is below the lower one, as it is where neither is given."""
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+        return None
+    lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "-1"))
+    return (lower, upper) if lower <= upper else None
 
 
 def _rotation(rpy: Array) -> Array:

@@ -95,7 +95,7 @@ def diagnose(
     with Workers(jobs) as workers:
         linear = reference(rig, measured.recordings, settings)
         options = candidates(rig, scales(linear))
-        posed = problem(measured, linear, horizon)
+        posed = problem(measured, linear, horizon, clock.deadline)
         choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
         result = conclude(choice, clock)
     effects = choice.chosen.effects

@@ -44,7 +44,7 @@ class DataSettings:
 
 @dataclass(frozen=True)
 class PredictSettings:
-    """Of the simulator linearised about the recorded motion, and of PyBullet's own predictions."""
+    """Of the simulator linearised about the recorded motion, and of its own predictions."""
 
     warm_up: float = _setting(0.4, "s", "hidden states (lags, delays, motor sides) forget where they were within about this")
     looks_back: float = _setting(0.1, "s", "how far before a window late sensors look")
@@ -94,7 +94,7 @@ class FitSettings:
     told: float = _setting(0.01, "squared standard deviations", "a parameter that moves the prediction by less when it doubles is not told")
     evaluations: int = _setting(12, "evaluations", "of the linearised simulator in a fit")
     evaluations_tried: int = _setting(5, "evaluations", "for second and third starts")
-    evaluations_polish: int = _setting(6, "evaluations", "before PyBullet's own predictions take over")
+    evaluations_polish: int = _setting(6, "evaluations", "before the simulator's own predictions take over")
     tolerance: float = _setting(1e-4, "share of a parameter", "far below any standard error")
     cost_tolerance: float = _setting(1e-5, "share of the cost", "far below any standard error")
     hold: float = _setting(0.01, "standard deviations", "what the recordings do not tell stays where it started")
@@ -104,9 +104,9 @@ class FitSettings:
     starts: int = _setting(3, "starts", "are fitted, where the best one stays far from the noise")
     far_start: float = _setting(3.0, "times the noise", "what counts as far from the noise for that")
     near_noise: float = _setting(3.0, "times the noise", "below it laws go by the model's own prediction, whose noise is independent of the residual's")
-    iterations: int = _setting(1, "iterations", "in PyBullet, of a draft")
-    iterations_nominal: int = _setting(2, "iterations", "in PyBullet, of the model of no effects, which has nothing but starting states to fit")
-    iterations_polish: int = _setting(3, "iterations", "in PyBullet, of a model that is followed up")
+    iterations: int = _setting(1, "iterations", "in the simulator, of a draft")
+    iterations_nominal: int = _setting(2, "iterations", "in the simulator, of the model of no effects, which has nothing but starting states to fit")
+    iterations_polish: int = _setting(3, "iterations", "in the simulator, of a model that is followed up")
     gained: float = _setting(1e-3, "share of the cost", "an iteration that gains less is the last")
     worse: float = _setting(2.0, "times", "a new starting state that costs more is dropped: the motion is chaotic there")
     rank: float = _setting(1e-4, "singular values", "directions of the parameters that the recordings tell less of stay where they are")
@@ -146,7 +146,7 @@ class ChooseSettings:
     on_the_way: float = _setting(30.0, "times the noise", "a model that misses more is but a step on the way")
     convergences: int = _setting(4, "fits", "of a model about its own fit, at most")
     near: float = _setting(
-        3.0, "times the noise", "PyBullet alone leads on from here; a plainer model must come as near to be fitted in full"
+        3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full"
     )
     converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
     alike: float = _setting(0.995, "cosine", "between what two effects change of the prediction, from which on one may be taken for the other")

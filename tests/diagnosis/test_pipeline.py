@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import yaml
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
+from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, TorqueGain, TorqueLimit, UnknownTorque
 
 from ..conftest import PATIENCE
@@ -96,11 +98,26 @@ def test_a_limit_that_is_seldom_reached_is_found(tmp_path: Path) -> None:
     assert found.data["effects"][0]["parameters"]["torque"]["value"] == pytest.approx(1.6, rel=0.02)
 
 
-def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path) -> None:
+def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.8), CoulombFriction("hinge", 0.2)])
-    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1, seconds=1.0)
+    asked: list[int] = []
+    predict = SimulatedWindows.predict
+
+    def counted(windows: SimulatedWindows, *arguments: Any) -> Any:
+        asked.append(1)
+        return predict(windows, *arguments)
+
+    monkeypatch.setattr(SimulatedWindows, "predict", counted)
+    counts = []
+    for seconds in (None, 0.0):
+        found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1, seconds=seconds)
+        counts.append(len(asked))
+        asked.clear()
     assert not found.data["complete"]
     assert "best answer so far" in " ".join(found.summary)
+    # With no time at all it looks, fits one model and judges that: nothing else is begun.
+    assert found.data["verdict"] != "no_mismatch"
+    assert counts[1] < 0.25 * counts[0]
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,8 @@ def grow(trials: Trials, screening: Screening) -> None:
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         near = settings.held if best.held_out < settings.held else settings.half_truth
         beam = [pair for pair in grown[: settings.beam] if pair[0].held_out < near * best.held_out]
+        if trials.late:
+            break
         rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
         if rest.p_value >= settings.significance or max(rest.gains.values(), default=0.0) < settings.material:
             break

@@ -43,6 +43,8 @@ def _still_needed(trials: Trials, named: Model, chosen: Model, curve: UnknownTor
     every = np.ones_like(problem.held_out)
     mostly = gain(trials.nominal, named, every)[0] > settings.mostly * gain(trials.nominal, chosen, every)[0]
     for effect in [one for one in chosen.effects if one.named]:
+        if trials.late:
+            break
         if mostly and (effect.target, effect.goes_by) == (curve.target, curve.signal):
             continue
         rest = [other for other in chosen.effects if (other.name, other.target) != (effect.name, effect.target)]
@@ -62,6 +64,8 @@ def _fitted(trials: Trials, effects: Sequence[Effect], curve: Effect) -> Model:
         trials.add(model)
         if best is not None and model.train > best.train:
             break
+        if trials.late:
+            return model
         best, effects = model, model.effects[:-1]
         curve = replace(curve, torque=tuple(np.array(curve.torque) + solved(problem, model, columns_of(curve, fitter.predictor))[1]))
     assert best is not None

@@ -25,7 +25,7 @@ def simplest(trials: Trials) -> Model:
 def _needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
-    while len(chosen.effects) > 1:
+    while len(chosen.effects) > 1 and not trials.late:
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
         fitter, known = problem.fitter(chosen.effects), trials.known()
         for less, _ in trials.polished([effects for effects in fewer if key(effects) not in known and _near(trials, fitter, effects, chosen)]):
@@ -56,6 +56,8 @@ def _plainer(trials: Trials, chosen: Model) -> Model:
             kin = [*others, starts[name, effect.target]]
             plain = trials.known().get(key(kin))
             if plain is None:
+                if trials.late:
+                    continue
                 fitter = fitter or problem.fitter(chosen.effects)
                 if not _near(trials, fitter, kin, chosen):
                     continue

@@ -85,8 +85,8 @@ class Trials:
         return {one.key: one for one in self.models}
 
     def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
-        """`work(problem, *shared, item)` for each of `items`, side by side."""
-        return self.workers.each(work, (self.problem, *shared), items)
+        """`work(problem, *shared, item)` for each of `items`, side by side; only for the first ones where time is up."""
+        return self.workers.each(work, (self.problem, *shared), items, self.clock.deadline)
 
     def polished(self, sets: Sequence[Sequence[Effect]]) -> list[tuple[Model, LinearFitter]]:
         """Each set of effects fitted to the end."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import signal
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -28,12 +30,16 @@ class Workers:
         if self._pool:
             self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
-        """`work(*shared, item)` for each of `items`, in their order; `work` is a function of a module."""
+    def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any], deadline: float = math.inf) -> list[Any]:
+        """`work(*shared, item)` for each of `items`, in their order; `work` is a function of a module.
+
+        Args:
+            deadline: s of the monotonic clock, which all processes share, after which a process begins no item but its first: the others are left out.
+        """
         if self._pool is None or len(items) < 2:
-            return [work(*shared, item) for item in items]
+            return _lot(work, shared, items, deadline)
         lots = [items[index :: self._jobs] for index in range(self._jobs)]
-        done = [self._pool.submit(_lot, work, shared, lot) for lot in lots if lot]
+        done = [self._pool.submit(_lot, work, shared, lot, deadline) for lot in lots if lot]
         results: dict[int, Any] = {}
         for index, future in enumerate(done):
             for place, result in enumerate(future.result()):
@@ -46,8 +52,13 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
-    return [work(*shared, item) for item in items]
+def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any], deadline: float) -> list[Any]:
+    results: list[Any] = []
+    for item in items:
+        if results and time.monotonic() > deadline:
+            break
+        results.append(work(*shared, item))
+    return results
 
 
 def _warm_up() -> None:

@@ -1,1 +1,1 @@
-"""What hypotheses explain at best: screening, least squares, refinement in PyBullet, the noise."""
+"""What hypotheses explain at best: screening, least squares, refinement in the simulator, the noise."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import functools
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -49,14 +51,17 @@ class Fit:
 class LinearFitter:
     """Fits sets of effects to the windows of `predictor`, those marked in `train`.
 
+    Args:
+        deadline: s of the monotonic clock, after which a fit ends as soon as it has an answer.
+
     Attributes:
         count: number of measurements in each window that starting states cannot explain, less where the window counts less; shape (windows,).
         residual: what the base leaves, nuisances forgiven, shape (windows, rows * channels).
         free: columns of the nuisances that are within their limits, shape (nuisances, windows, rows * channels).
     """
 
-    def __init__(self, predictor: WindowPredictor, train: npt.NDArray[np.bool_]) -> None:
-        self.predictor, self.train = predictor, train
+    def __init__(self, predictor: WindowPredictor, train: npt.NDArray[np.bool_], deadline: float = math.inf) -> None:
+        self.predictor, self.train, self._deadline = predictor, train, deadline
         self.base = tuple(predictor.linear.base)
         self.nuisances = Nuisances(predictor, train)
         # Less where a window counts less, and what the starting states take.
@@ -67,11 +72,16 @@ class LinearFitter:
         self.residual, self.free = self.nuisances.forgive(self._raw, self.base)
 
     @property
+    def late(self) -> bool:
+        """Whether the time for fits is up."""
+        return time.monotonic() > self._deadline
+
+    @property
     def settings(self) -> FitSettings:
         return self.predictor.linear.motion.settings.fit
 
     def knowing(self, free: Array) -> LinearFitter:
-        """The same fitter with other free nuisances, as PyBullet's own predictions tell them."""
+        """The same fitter with other free nuisances, as the simulator's own predictions tell them."""
         other = copy.copy(self)
         other.free = free
         return other
@@ -149,7 +159,7 @@ class LinearFitter:
                 return np.concatenate((residuals[self.train].ravel(), settings.hold * (z - first / size)))
 
             z = least_squares(missed, z, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=settings.tolerance, ftol=settings.cost_tolerance).x
-            if np.ptp(weights) < settings.reweighted:
+            if np.ptp(weights) < settings.reweighted or self.late:
                 break
         return self._at(effects, z, size, step, high)
 
@@ -177,6 +187,8 @@ class LinearFitter:
             order = np.argsort(-((columns @ left) ** 2) / np.maximum((columns**2).sum(1), 1e-12), kind="stable")[:1]
         best = self.fit([*effects, starts[order[0]]])
         for index in order[1 : settings.starts]:
+            if self.late:
+                break
             if self.chi_square(best.cost) > settings.far_start:
                 other = self.fit([*effects, starts[index]], evaluations=settings.evaluations_tried)
                 if self.chi_square(other.cost) < self.chi_square(best.cost):

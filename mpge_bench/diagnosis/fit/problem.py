@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +16,8 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.hypotheses.candidates import key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.memory import Memory
+from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
@@ -33,6 +37,7 @@ class Problem:
         held_out: which of them are kept from fitting, shape (windows,).
         sigma: the noise as it is estimated now, shape (2 joints,).
         horizon: how far ahead predictions are judged, s.
+        deadline: s of the monotonic clock, which all processes share, after which fits end as soon as they have an answer.
     """
 
     measurements: Measurements
@@ -41,6 +46,9 @@ class Problem:
     held_out: npt.NDArray[np.bool_]
     sigma: Array
     horizon: float
+    deadline: float = math.inf
+    _simulated: Memory[int, SimulatedWindows] = field(default_factory=lambda: Memory(2), init=False, repr=False, compare=False)
+    _fitters: Memory[tuple[Effect, ...], LinearFitter] = field(default_factory=lambda: Memory(4), init=False, repr=False, compare=False)
 
     @property
     def rig(self) -> Rig:
@@ -64,19 +72,28 @@ class Problem:
         """How large things are at each joint."""
         return scales(self.linear)
 
-    def fitter(self, effects: tuple[Effect, ...] | list[Effect] = ()) -> LinearFitter:
+    def simulated(self, parts: int) -> SimulatedWindows:
+        """The simulator's own predictions in the windows, with the physics step in `parts`."""
+        windows = self.windows
+        rows = (windows.start[:, None] + np.arange(windows.length + 1)) * self.linear.motion.stride
+        return self._simulated.get(parts, lambda: SimulatedWindows(self.rig, self.recordings, windows.recording, rows, self.settings, parts=parts))
+
+    def fitter(self, effects: Sequence[Effect] = ()) -> LinearFitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
+        return self._fitters.get(tuple(effects), lambda: self._fitter(effects))
+
+    def _fitter(self, effects: Sequence[Effect]) -> LinearFitter:
         linear = rebase(self.linear, effects, self.sigma) if effects else self.linear
         predictor = WindowPredictor(linear, self.windows, self.sigma)
         if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:
             predictor = WindowPredictor(linear, self.windows, self.sigma, consistent=True)
-        return LinearFitter(predictor, ~self.held_out)
+        return LinearFitter(predictor, ~self.held_out, self.deadline)
 
 
-def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float) -> Problem:
-    """What is to be fitted: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
+def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float, deadline: float = math.inf) -> Problem:
+    """What is to be fitted until the `deadline`: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
     windows = windows_of(linear.motion, horizon)
-    return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon)
+    return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon, deadline)
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,18 @@
-"""Models refined by prediction in PyBullet itself, with the linearised simulator's derivatives."""
+"""Models refined by prediction in the simulator itself, with the linearised simulator's derivatives."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem, judged
-from mpge_bench.diagnosis.predict.bullet import BulletPredictor
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, values_of
-from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
 
@@ -23,7 +21,7 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
     """The best parameters of `effects`, with the simulator linearised about them, and that fitter.
 
     Args:
-        evaluations: of the linearised simulator in fitting, before PyBullet's own predictions take over; 1 leaves the parameters to the latter.
+        evaluations: of the linearised simulator in fitting, before the simulator's own predictions take over; 1 leaves the parameters to the latter.
     """
     settings = problem.settings.fit
     try:
@@ -51,7 +49,7 @@ def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
 
 
 def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> tuple[Model, LinearFitter]:
-    """`fit` refined to the end, the error of the physics step taken from PyBullet, too; and the fitter that knows that."""
+    """`fit` refined to the end, the error of the physics step taken from the simulator, too; and the fitter that knows that."""
     best = _refined(problem, fitter, fit, iterations)
     residuals, free = _stepped(problem, fitter, best, fit.jacobian)
     return judged(problem, fitter, Fit(best.effects, residuals, fit.jacobian)), fitter.knowing(free)
@@ -59,7 +57,7 @@ def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
 
 @dataclass(frozen=True)
 class _Refined:
-    """Effects, what they leave in PyBullet's own prediction, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
+    """Effects, what they leave in the simulator, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
 
     effects: tuple[Effect, ...]
     residuals: Array
@@ -68,7 +66,7 @@ class _Refined:
 
 
 def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> _Refined:
-    """Gauss-Newton on parameters and starting states, with the predictions of PyBullet and the derivatives of the linearised simulator."""
+    """Gauss-Newton on parameters and starting states, with the predictions of the simulator and the derivatives of the linearised simulator."""
     settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
     effects = fit.effects
     starts = predictor.state[:, 0]
@@ -89,7 +87,7 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
         gained = np.inf if best is None else best.chi_square - chi_square
         if gained > 0:
             best = _Refined(tuple(effects), residuals, starts, chi_square)
-        if gained < settings.gained * chi_square or iteration == iterations:
+        if gained < settings.gained * chi_square or iteration == iterations or fitter.late:
             break
         starts = starts + predictor.starts(error)
         if fit.size:
@@ -104,13 +102,13 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
 
 
 def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: Array) -> tuple[Array, Array]:
-    """What is left of `best` when the error of the physics step, as PyBullet has it, is forgiven; and the nuisances that are then within their limits."""
+    """What is left of `best` when the error of the physics step, as the simulator has it, is forgiven; and the nuisances that are then within their limits."""
     settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
     residuals, free, starts = best.residuals, fitter.free, best.starts
     least = np.inf
     # The physics step is nothing to a model that misses much more than the noise, and once is enough for one that is at it.
     for index in range(settings.step_passes if best.chi_square < settings.step_matters else 0):
-        if index and least < settings.clean:
+        if index and (least < settings.clean or fitter.late):
             break
         coarse, fine = (predictions(problem, predictor.linear, best.effects, starts, parts) for parts in (1, 2))
         if coarse is None or fine is None:
@@ -128,22 +126,11 @@ def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: A
 
 
 def predictions(problem: Problem, linear: LinearisedSimulator, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
-    """PyBullet's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
+    """The simulator's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
 
     Hidden states are warmed up along the reference of `linear`.
     """
-    windows, motion = problem.windows, linear.motion
-    found = np.empty((len(windows.start), windows.length + 1, starts.shape[-1]))
-    references = [_reference(problem, linear, r) for r in range(len(problem.recordings))]
-    rig = replace(problem.rig, timestep=problem.rig.timestep / parts)
-    try:
-        predictor = BulletPredictor(rig, effects, problem.settings)
-        for index, (r, k) in enumerate(zip(windows.recording, windows.start, strict=True)):
-            rows = np.arange(k, k + windows.length + 1) * motion.stride
-            found[index] = predictor.run(problem.recordings[r], int(rows[0]), rows, starts[index], references[r])
-    except UserError:
-        return None
-    return found
+    return problem.simulated(parts).predict(effects, starts, [_reference(problem, linear, r) for r in range(len(problem.recordings))])
 
 
 def _reference(problem: Problem, linear: LinearisedSimulator, r: int) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
+from mpge_bench.diagnosis.predict.fast.recurrences import bounded
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.diagnosis.settings import HypothesisSettings
 from mpge_bench.envs.effects import Armature, Delay, Effect
@@ -67,19 +68,14 @@ class Nuisances:
         if exact:
             root = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)))
             return np.asarray(lsq_linear(root.T, np.linalg.solve(root, right), bounds.T).x)
-        sizes = np.zeros(len(right))
-        for _ in range(self.settings.descents):
-            for index in range(len(sizes)):
-                rest = right[index] - gram[index] @ sizes + gram[index, index] * sizes[index]
-                sizes[index] = np.clip(rest / max(gram[index, index], 1e-12), *bounds[index])
-        return sizes
+        return bounded(gram, right, bounds, self.settings.descents)
 
     def _friction_lead(self, effects: Sequence[Effect]) -> Array | None:
         """How the prediction changes, projected, if dry friction turns round earlier than the velocity does; None if there is none."""
         predictor = self._predictor
         if not any(effect.rubs for effect, _ in predictor.linear.chain(effects)):
             return None
-        return predictor.project(predictor.propagate(predictor.torques(effects, predictor.settings.lead) - predictor.torques(effects)))
+        return predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
 
     def _motor_delays(self, effects: Sequence[Effect]) -> list[Array]:
         """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.envs.dynamics import Tree, body_parameters
 from mpge_bench.envs.effects import Effect
 
@@ -33,10 +34,17 @@ class BodyRegressor:
         # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
         pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
         self._gravity = np.stack([sum(pull[link] @ self._base[link] for link in pull) for pull in pulls], -1)
+        self._known: Memory[tuple[Effect, ...], Array] = Memory(32)
         self._forces = {link: np.stack([-pull[link][..., :4] @ np.append(1.0, linear.model.inertial(link)[1]) for pull in pulls], -1) for link in self._columns}
 
     def torques(self, effects: Sequence[Effect]) -> Array:
         """Joint torques, shape (..., joints), that `effects` ask for less than the base does: what they add to the motors'."""
+        alter, altered = (tuple(effect for effect in self._linear.rig.chain(some) if effect.alters_model) for some in (effects, self._linear.base))
+        if alter == altered:
+            return np.zeros(self._accelerations.shape)
+        return self._known.get(alter, lambda: self._asked(effects))
+
+    def _asked(self, effects: Sequence[Effect]) -> Array:
         linear = self._linear
         rig = linear.rig
         model = rig.changed(effects)

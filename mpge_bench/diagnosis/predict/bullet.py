@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -128,6 +128,33 @@ class BulletPredictor:
         world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
 
 
+def rows_in_bullet(rig: Rig, bodies: Sequence[Effect], states: Array, torques: Array, step: float, count: int) -> Array:
+    """Where `count` physics steps of `step` s, under constant joint torques from outside, lead from each of `states`, shape (rows, 2 joints).
+
+    Args:
+        bodies: the effects that alter the rig's model.
+        torques: N m, shape (rows, joints).
+    """
+    layout = rig.layout
+    world = replace(rig, nominal=()).world(bodies, timestep=step, substeps=count)
+    result = np.empty_like(states)
+    for state, torque, reached in zip(states, torques.tolist(), result, strict=True):
+        world.set_state(layout.q(state), layout.dq(state))
+        world.step(torque)
+        reached[:] = layout.state(world.q, world.dq)
+    return result
+
+
+def stretches(recording: Recording, horizon: float) -> Iterator[tuple[int, int]]:
+    """First rows of the stretches of `horizon` s that a recording is made of, one after another, and the rows after their last ones."""
+    first = 0
+    while first < len(recording.time):
+        end = int(np.searchsorted(recording.time, recording.time[first] + horizon - 1e-6))
+        end = min(max(end, first + 1), len(recording.time))
+        yield first, end
+        first = end
+
+
 def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> Recording:
     """The recording as `rig` with `effects` predicts it, restarted from the recorded state every `horizon` seconds.
 
@@ -141,13 +168,9 @@ def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[E
     smooth = predictor.start(replace(recording, q=q, dq=dq), (q, dq))
     layout = rig.layout
     result = np.empty((len(recording.time), layout.nq + layout.nv))
-    first = 0
-    while first < len(recording.time):
-        end = int(np.searchsorted(recording.time, recording.time[first] + horizon - 1e-6))
-        end = min(max(end, first + 1), len(recording.time))
+    for first, end in stretches(recording, horizon):
         if end - first > 1:
             result[first:end] = predictor.run(recording, first, np.arange(first, end), starts[first], smooth)
         else:
             result[first] = np.concatenate((recording.q[first], np.where(np.isfinite(recording.dq[first]), recording.dq[first], dq[first])))
-        first = end
     return Recording(recording.path, recording.time, recording.u, layout.q(result), layout.dq(result))

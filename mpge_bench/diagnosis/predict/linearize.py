@@ -5,25 +5,26 @@ About a reference motion x = (q, dq) that lies close to what was recorded, the s
     e[k + 1] = A[k] e[k] + d[k] + G[k] (f[k] - f_base[k])
 
 where d is what the simulator misses the reference by in one row, f the mean joint torque over the row under a set of effects, worked out along the
-reference by the effects' own laws, and A, G come from PyBullet's mass matrix and inverse dynamics. Second order in e only, and e is small: so a
-whole search over effects costs milliseconds a model. The survivors are then fitted in the simulator itself (`bullet.py`).
+reference by the effects' own laws, and A, G come from the mass matrix and inverse dynamics. Second order in e only, and e is small: so a
+whole search over effects costs milliseconds a model. The survivors are then fitted in the simulator itself (`simulated.py`).
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm
 
 from mpge_bench.diagnosis.data.motion import Motion
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.bullet import rows_in_bullet
+from mpge_bench.diagnosis.predict.fast.recurrences import exponentials
+from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, inverse_dynamics, mass_matrices, offered, steered
+from mpge_bench.diagnosis.predict.fast.trees import flat_tree
 from mpge_bench.diagnosis.predict.torques import joint_torques
 from mpge_bench.diagnosis.settings import PredictSettings
-from mpge_bench.envs.dynamics import Tree
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -44,9 +45,9 @@ class LinearisedSimulator:
         self.model = rig.changed(base)
         self.gravity = np.array(self.model.gravity or rig.gravity)
         self.rotors = np.array(rig.rotors(base))
-        still = np.zeros(len(rig.joints))
+        self._tree = flat_tree(self.model, rig.joints, self.rotors.tolist(), rig.gravity)
         #: What each joint offers to a torque at zero, kg m².
-        self.offered = 1 / np.diagonal(np.linalg.inv(Tree(self.model, rig.joints).mass_matrix(still) + np.diag(self.rotors)))
+        self.offered = offered(self._tree)
         self._index = {joint: column for column, joint in enumerate(rig.joints)}
         self.motion = motion
         self._linearise()
@@ -62,7 +63,7 @@ class LinearisedSimulator:
         count, rows, steps, n = motion.u.shape
         q, dq = motion.fine()
         flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
-        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, inertia=self.offered)
+        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, self.offered)
         return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
 
     @property
@@ -71,15 +72,14 @@ class LinearisedSimulator:
 
     def _linearise(self) -> None:
         motion, layout = self.motion, self.motion.layout
-        tree = Tree(self.model, self.rig.joints)
         following, intervals = motion.following(), motion.intervals()
         # At the middle of each row, so that what a row does is right to second order in its length.
         middle = (motion.state + following) / 2
         q, dq = layout.q(middle), layout.dq(middle)
         h = np.where(intervals > 0, intervals, 1.0)[..., None]
         ddq = layout.ddx(following - motion.state) / h
-        self.inertia = tree.mass_matrix(q) + np.diag(self.rotors)
-        stiffness, damping = self._bodies_answer(tree, q, dq, ddq)
+        self.inertia = mass_matrices(self._tree, q)
+        stiffness, damping = self._bodies_answer(q, dq, ddq)
         for joint, (by_q, by_dq) in enumerate(self._motors_answer()):
             stiffness[..., joint, joint] -= by_q
             damping[..., joint, joint] -= by_dq
@@ -90,17 +90,17 @@ class LinearisedSimulator:
         system[..., n : 2 * n, :n] = -inverse @ stiffness
         system[..., n : 2 * n, n : 2 * n] = -inverse @ damping
         system[..., n : 2 * n, 2 * n :] = inverse
-        flow = expm(system * intervals[..., None, None])
+        flow = exponentials(system * intervals[..., None, None])
         self.a, self.g = flow[..., : 2 * n, : 2 * n], flow[..., : 2 * n, 2 * n :]
 
-    def _bodies_answer(self, tree: Tree, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
+    def _bodies_answer(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
         """Derivatives of the torques that the motion asks for by q and by dq, shape (r, k, j, j)."""
         n, small = q.shape[-1], self.settings.difference
-        at = tree.inverse_dynamics(q, dq, ddq, self.gravity)
+        at = inverse_dynamics(self._tree, q, dq, ddq)
         stiffness, damping = np.zeros((*q.shape, n)), np.zeros((*q.shape, n))
         for joint, unit in enumerate(small * np.eye(n)):
-            stiffness[..., joint] = (tree.inverse_dynamics(q + unit, dq, ddq, self.gravity) - at) / small
-            damping[..., joint] = (tree.inverse_dynamics(q, dq + unit, ddq, self.gravity) - at) / small
+            stiffness[..., joint] = (inverse_dynamics(self._tree, q + unit, dq, ddq) - at) / small
+            damping[..., joint] = (inverse_dynamics(self._tree, q, dq + unit, ddq) - at) / small
         return stiffness, damping
 
     def _motors_answer(self) -> Iterator[tuple[Array, Array]]:
@@ -113,13 +113,13 @@ class LinearisedSimulator:
         u, q, dq = (np.moveaxis(values, -1, 0) for values in (motion.u, *motion.fine()))
         soft = motion.spread + self.settings.softness
 
-        def answer(q: Array, dq: Array) -> Array:
-            return np.asarray(joint_torques(chain, u, q, dq, motion.step, soft).mean(-1))
+        def answer(joint: int, by_q: float, by_dq: float) -> Array:
+            own, at = [(effect, 0) for effect, place in chain if place == joint], slice(joint, joint + 1)
+            return np.asarray(joint_torques(own, u[at], q[at] + by_q, dq[at] + by_dq, motion.step, soft[at])[0].mean(-1))
 
-        at = answer(q, dq)
-        for joint, unit in enumerate(small * np.eye(motion.joints)):
-            shift = unit[:, None, None, None]
-            yield (answer(q + shift, dq) - at)[joint] / small, (answer(q, dq + shift) - at)[joint] / small
+        for joint in range(motion.joints):
+            at = answer(joint, 0.0, 0.0)
+            yield (answer(joint, small, 0.0) - at) / small, (answer(joint, 0.0, small) - at) / small
 
     def _find_defects(self) -> None:
         motion, layout = self.motion, self.motion.layout
@@ -140,21 +140,20 @@ class LinearisedSimulator:
 
     def _stepped(self, parts: int) -> Array:
         """Where one row's physics steps, each in `parts`, lead from each row of the reference, shape (r, k, 2 j)."""
-        motion, layout = self.motion, self.motion.layout
-        steps = motion.u.shape[2] * parts
+        motion = self.motion
+        steps, step = motion.u.shape[2] * parts, motion.step / parts
         bodies = [effect for effect in self.rig.chain(self.base) if effect.alters_model]
-        # The motors' torques come from outside.
-        world = replace(self.rig, nominal=()).world(bodies, timestep=motion.step / parts, substeps=steps)
+        moves = motion.valid(ahead=1)
+        states, torques = motion.state[moves], self.delivered[moves]
         result = motion.state.copy()
-        for r, rows in enumerate(motion.rows):
-            for state, torque, reached in zip(motion.state[r, : rows - 1], self.delivered[r].tolist(), result[r], strict=False):
-                world.set_state(layout.q(state), layout.dq(state))
-                world.step(torque)
-                reached[:] = layout.state(world.q, world.dq)
+        try:
+            result[moves] = steered(self._tree, step, bodies).roll(states, torques[:, None], every=steps, unstable=np.inf)[:, 1]
+        except NotCovered:
+            result[moves] = rows_in_bullet(self.rig, bodies, states, torques, step, steps)
         return result
 
     def residual_torques(self) -> Array:
         """What torque the simulator lacks to follow the reference, shape (r, k, j): zero but for noise where it is right."""
         layout = self.motion.layout
         by_torque = self.g[..., layout.nv :, :]
-        return -np.linalg.solve(by_torque + 1e-300 * np.eye(layout.nv), layout.ddx(self.defects)[..., None])[..., 0]
+        return np.asarray(-np.linalg.solve(by_torque + 1e-300 * np.eye(layout.nv), layout.ddx(self.defects)[..., None])[..., 0])

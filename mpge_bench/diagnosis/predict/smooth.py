@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.data.motion import Motion, motion_of, resolution
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.fast.recurrences import filtered, smoothed
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
@@ -105,8 +106,8 @@ def _first_noise(linear: LinearisedSimulator) -> Array:
 
 
 def likelihood(linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array) -> float:
-    """Logarithm of the likelihood of what was measured; arguments as for `smooth`."""
-    return _filter(linear, measured, sigma, disturbance)[-1]
+    """Logarithm of the likelihood of what was measured; arguments and errors as for `smooth`."""
+    return _filter(linear, measured, sigma, disturbance, keep=False)[-1]
 
 
 def smooth(linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array) -> tuple[Array, Array]:
@@ -119,57 +120,27 @@ def smooth(linear: LinearisedSimulator, measured: Array, sigma: Array, disturban
 
     Returns:
         The motion, shape (r, k, 2 j), and its variances, same shape.
+
+    Raises:
+        LinAlgError: if the linearised simulator flies apart.
     """
     motion = linear.motion
-    count, rows = motion.time.shape
-    size = 2 * motion.layout.nv
-    kept_e, kept_p, ahead_e, ahead_p, _ = _filter(linear, measured, sigma, disturbance)
-    out_e, out_p = np.zeros((count, rows, size)), np.zeros((count, rows, size))
-    e, p = kept_e[-1], kept_p[-1]
-    out_e[:, -1], out_p[:, -1] = e, np.diagonal(p, axis1=-2, axis2=-1)
-    for k in range(rows - 2, -1, -1):
-        back = np.swapaxes(np.linalg.solve(ahead_p[k + 1], linear.a[:, k] @ kept_p[k]), -1, -2)
-        # A recording that has ended does not look ahead.
-        live_on = (k + 1 < motion.rows)[:, None]
-        e = np.where(live_on, kept_e[k] + (back @ (e - ahead_e[k + 1])[..., None])[..., 0], kept_e[k])
-        p = np.where(live_on[..., None], kept_p[k] + back @ (p - ahead_p[k + 1]) @ np.swapaxes(back, -1, -2), kept_p[k])
-        out_e[:, k], out_p[:, k] = e, np.diagonal(p, axis1=-2, axis2=-1)
-    return motion.state + np.where(motion.valid()[..., None], out_e, 0.0), np.maximum(out_p, 0.0)
+    mean, variance = smoothed(linear.a, motion.rows, *_filter(linear, measured, sigma, disturbance)[:4])
+    return motion.state + np.where(motion.valid()[..., None], mean, 0.0), np.maximum(variance, 0.0)
 
 
-def _filter(linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array) -> tuple[list[Array], list[Array], list[Array], list[Array], float]:
-    """Means and covariances of the error after and before each row was seen, and the log likelihood."""
-    motion, layout = linear.motion, linear.motion.layout
-    settings = linear.settings
-    count, rows = motion.time.shape
-    size = 2 * layout.nv
+def _filter(
+    linear: LinearisedSimulator, measured: Array, sigma: Array, disturbance: Array, *, keep: bool = True
+) -> tuple[Array, Array, Array, Array, float]:
+    """Means and covariances of the error after and before each row was seen, as `filtered` has them, and the log likelihood."""
+    motion, layout, settings = linear.motion, linear.motion.layout, linear.settings
     seen = np.isfinite(measured) & motion.valid()[..., None]
     y = np.where(seen, layout.minus(measured, motion.state), 0.0)
-    r = np.where(seen, sigma**2, 1e12)
-    e, p = np.zeros((count, size)), np.zeros((count, size, size))
+    variance = np.where(seen, sigma**2, 1e12)
     speed = np.maximum(np.sqrt(np.mean(layout.dq(motion.state) ** 2, (0, 1))), 1e-3)
-    first = layout.state((settings.start_position * layout.dx(sigma)) ** 2, (settings.start_velocity * speed) ** 2)
-    p[:] = np.diag(first)
+    first = np.diag(layout.state((settings.start_position * layout.dx(sigma)) ** 2, (settings.start_velocity * speed) ** 2))
     noise = linear.g * disturbance
-    noise = noise @ np.swapaxes(noise, -1, -2)
-    kept_e, kept_p, ahead_e, ahead_p = [], [], [], []
-    likelihood = 0.0
-    for k in range(rows):
-        ahead_e.append(e)
-        ahead_p.append(p)
-        total = p + r[:, k, :, None] * np.eye(size)
-        gain = np.swapaxes(np.linalg.solve(total, p), -1, -2)
-        missed = y[:, k] - e
-        solved = np.linalg.solve(total, missed[..., None])[..., 0]
-        live = seen[:, k]
-        _, logdet = np.linalg.slogdet(total)
-        # Unseen channels have a huge variance that must not enter the likelihood.
-        likelihood -= 0.5 * float(np.sum((missed * solved).sum(-1) + logdet - np.log(r[:, k]).sum(-1, where=~live)))
-        e = e + (gain @ missed[..., None])[..., 0]
-        p = p - gain @ p
-        p = (p + np.swapaxes(p, -1, -2)) / 2
-        kept_e.append(e)
-        kept_p.append(p)
-        e = (linear.a[:, k] @ e[..., None])[..., 0] + linear.defects[:, k]
-        p = linear.a[:, k] @ p @ np.swapaxes(linear.a[:, k], -1, -2) + noise[:, k] + 1e-16 * np.eye(size)
-    return kept_e, kept_p, ahead_e, ahead_p, likelihood
+    found = filtered(linear.a, linear.defects, noise @ np.swapaxes(noise, -1, -2), y, seen, variance, first, keep=keep)
+    if not np.isfinite(found[-1]):
+        raise np.linalg.LinAlgError("the linearised simulator flies apart")
+    return found

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.predict.fast.laws import follow, has_law
 from mpge_bench.envs.effects import Effect, Hidden
 
 Array = npt.NDArray[np.float64]
 
 
 def joint_torques(
-    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, lead: float = 0.0, inertia: Array | None = None
+    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, inertia: Array | None = None
 ) -> Array:
     """Joint torques that `chain` delivers along a given motion.
 
@@ -23,26 +24,40 @@ def joint_torques(
         q, dq: motion at these steps, same shape.
         step: physics step, s.
         spread: uncertainty of dq, rad/s, shape (joints,): dry friction changes sign over as much.
-        lead: dry friction goes by the velocity this much later, s.
         inertia: what each joint offers to a torque, kg m², shape (joints,), as `Hidden` has it; needed for motors with a hidden state.
 
     Returns:
         Torques, same shape.
     """
-    command = u.copy()
+    command, rubbing = driven(chain, u, q, dq, step, inertia)
+    for joint, most in rubbing:
+        command[joint] -= most * sliding(dq[joint], spread[joint])
+    return command
+
+
+def driven(
+    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, inertia: Array | None = None
+) -> tuple[Array, list[tuple[int, Array]]]:
+    """As `joint_torques`, dry friction apart: of each effect that is some, the joint and the most that it opposes, N m, shape (..., steps)."""
+    command: Array = np.array(u, float, order="C")
     rubbing: list[tuple[int, Array]] = []
     for effect, joint in chain:
         memory = Hidden(step) if inertia is None else Hidden(step, float(inertia[joint]))
-        if effect.is_stepwise(step):
-            for index in range(u.shape[-1]):
-                now = command[..., index]
-                effect.actuate(now, joint, q[..., index], dq[..., index], memory)
-        else:
+        if not effect.is_stepwise(step):
             effect.actuate(command, joint, q, dq, memory)
+        elif has_law(effect):
+            follow(effect, command[joint], q[joint], dq[joint], step, memory.inertia)
+        else:
+            # One that somebody has added and nobody has written for the compiler.
+            for index in range(u.shape[-1]):
+                effect.actuate(command[..., index], joint, q[..., index], dq[..., index], memory)
         most = effect.friction(command, joint, q, dq)
         if most is not None:
             rubbing.append((joint, most))
-    for joint, most in rubbing:
-        later = np.minimum(np.arange(u.shape[-1]) + round(lead / step), u.shape[-1] - 1)
-        command[joint] -= most * np.tanh(dq[joint][..., later] / max(spread[joint], 1e-9))
-    return command
+    return command, rubbing
+
+
+def sliding(dq: Array, spread: float, later: int = 0) -> Array:
+    """Which way a joint slides, from -1 to 1: the sign of `dq` (..., steps), known to within `spread`, `later` steps on."""
+    at = np.minimum(np.arange(dq.shape[-1]) + later, dq.shape[-1] - 1)
+    return np.asarray(np.tanh(dq[..., at] / max(spread, 1e-9)))

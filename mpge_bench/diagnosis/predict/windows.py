@@ -11,8 +11,10 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.motion import Motion, between
 from mpge_bench.diagnosis.predict.bodies import BodyRegressor
+from mpge_bench.diagnosis.predict.fast.recurrences import flows, project, propagate
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
-from mpge_bench.diagnosis.predict.torques import joint_torques
+from mpge_bench.diagnosis.predict.memory import Memory
+from mpge_bench.diagnosis.predict.torques import driven, sliding
 from mpge_bench.diagnosis.settings import PredictSettings
 from mpge_bench.envs.effects import Effect
 
@@ -79,7 +81,7 @@ class WindowPredictor:
         self.state, self.measured = motion.state[at, rows], motion.measured[at, rows]
         usable = np.isfinite(self.measured) & np.isfinite(sigma) & (sigma < 1e6)
         self.weight = np.where(usable, 1 / sigma, 0.0)
-        self.flow = self._flow()
+        self.flow = flows(self.a)
         nothing = np.zeros((count, length, n))
         self.halved_error = self.propagate(nothing, linear.halved[at, before])
         # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
@@ -94,19 +96,14 @@ class WindowPredictor:
             self.base_error = np.zeros_like(self.state)
         self._intervals = motion.intervals()[at, before]
         self._u, self._q, self._dq = self._with_warm_up()
-        self._memory: dict[bool, list[Array]] = {}
+        self._stretches: dict[bool, list[Array]] = {}
+        #: By joint and the effects on it: most models that are compared differ at one joint only. The second as dry friction turns round early.
+        self._driven: Memory[tuple[int, tuple[Effect, ...]], tuple[Array, Array]] = Memory(64)
+        self._sliding: Memory[tuple[int, bool, bool], Array] = Memory(64)
 
     @property
     def settings(self) -> PredictSettings:
         return self.linear.settings
-
-    def _flow(self) -> Array:
-        count, length, size = self.a.shape[0], self.windows.length, self.a.shape[-1]
-        flow = np.zeros((count, length + 1, size, size))
-        flow[:, 0] = np.eye(size)
-        for k in range(length):
-            flow[:, k + 1] = self.a[:, k] @ flow[:, k]
-        return flow
 
     @property
     def _warm(self) -> int:
@@ -160,41 +157,61 @@ class WindowPredictor:
         """Values of the signal at all rows of all windows."""
         return np.asarray(self._signals()[signal][joint].ravel())
 
-    def torques(self, effects: Sequence[Effect], lead: float = 0.0) -> Array:
-        """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints); dry friction turns round `lead` s early."""
+    def torques(self, effects: Sequence[Effect], *, early: bool = False) -> Array:
+        """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints).
+
+        Args:
+            early: dry friction turns round as much before the velocity does as ``PredictSettings.lead`` says.
+        """
         chain = self.linear.chain(effects)
-        remembers = any(effect.remembers for effect, _ in chain)
-        u, q, dq = self._histories(remembers)
-        n, count = u.shape[0], u.shape[1]
+        found = []
+        for joint in range(self.linear.motion.joints):
+            own = tuple(effect for effect, place in chain if place == joint)
+            found.append(self._driven.get((joint, own), lambda joint=joint, own=own: self._drive(joint, own))[early])  # type: ignore[misc]
+        return np.stack(found, -1)
+
+    def _drive(self, joint: int, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Mean torque of each interval at one joint under `effects` on it, without and with dry friction's lead, shape (windows, intervals)."""
         motion = self.linear.motion
-        torque = joint_torques(chain, u, q, dq, motion.step, motion.spread, lead, self.linear.offered)
-        return np.moveaxis(torque.reshape(n, count, -1, motion.u.shape[2]).mean(-1)[:, :, -self.windows.length :], 0, -1)
+        remembers = any(effect.remembers for effect in effects)
+        u, q, dq = (values[joint : joint + 1] for values in self._histories(remembers))
+        command, rubbing = driven([(effect, 0) for effect in effects], u, q, dq, motion.step, self.linear.offered[joint : joint + 1])
+        now = early = self._means(command[0])
+        for _, most in rubbing:
+            now, early = (torque - self._means(most * self._slides(joint, remembers, lead)) for torque, lead in ((now, False), (early, True)))
+        return now, early
+
+    def _slides(self, joint: int, remembers: bool, early: bool) -> Array:
+        """Which way a joint slides, as `sliding` has it, with the warm-up if something `remembers`."""
+        motion = self.linear.motion
+        later = round(self.settings.lead / motion.step) if early else 0
+        return self._sliding.get((joint, remembers, early), lambda: sliding(self._histories(remembers)[2][joint], motion.spread[joint], later))
+
+    def _means(self, values: Array) -> Array:
+        """Of each interval of the windows, shape (windows, intervals), of `values` at physics steps, shape (windows, steps); a warm-up is left out."""
+        steps = self.linear.motion.u.shape[2]
+        return np.asarray(values[:, -self.windows.length * steps :].reshape(len(values), -1, steps) @ np.full(steps, 1 / steps))
 
     def _signals(self) -> dict[str, Array]:
         return dict(zip(("command", "q", "dq"), self._histories(False), strict=True))
 
     def _histories(self, remembers: bool) -> list[Array]:
         """u, q and dq, shape (joints, windows, physics steps), with the warm-up if something `remembers`."""
-        if remembers not in self._memory:
+        if remembers not in self._stretches:
             cut = slice(None) if remembers else slice(self._warm, None)
             n = self._u.shape[-1]
-            self._memory[remembers] = [
+            self._stretches[remembers] = [
                 np.ascontiguousarray(np.moveaxis(values[:, cut], -1, 0).reshape(n, len(values), -1)) for values in (self._u, self._q, self._dq)
             ]
-        return self._memory[remembers]
+        return self._stretches[remembers]
 
     def propagate(self, forcing: Array, defects: Array | float = 0.0) -> Array:
         """Errors after each row from torques `forcing` (windows, intervals, joints) and `defects`, shape (windows, rows, 2 j)."""
-        kicks = (self.g @ forcing[..., None])[..., 0] + defects
-        error = np.zeros((kicks.shape[0], kicks.shape[1] + 1, kicks.shape[2]))
-        for k in range(kicks.shape[1]):
-            error[:, k + 1] = (self.a[:, k] @ error[:, k, :, None])[..., 0] + kicks[:, k]
-        return error
+        return propagate(self.a, self.g, forcing, defects)
 
     def project(self, error: Array) -> Array:
         """`error` (windows, rows, 2 j) in units of the noise, without what starting states explain; shape (windows, rows * 2 j)."""
-        flat = (np.where(self.weight > 0, error, 0.0) * self.weight).reshape(len(error), -1)
-        return np.asarray(flat - (self._starts @ (np.swapaxes(self._starts, -1, -2) @ flat[..., None]))[..., 0])
+        return project(error.reshape(len(error), -1), self.weight.reshape(len(error), -1), self._starts)
 
     def starts(self, error: Array) -> Array:
         """Changes of the starting states, shape (windows, 2 j), that explain most of `error` (windows, rows, 2 j)."""

@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
+from mpge_bench.diagnosis.predict.simulated import error_at_once
 from mpge_bench.diagnosis.verdict.result import Accuracy, Errors, Trajectory
 from mpge_bench.envs.effects import Effect
 
@@ -34,8 +35,8 @@ def held_parts(problem: Problem) -> list[Recording]:
 
 def error_of(problem: Problem, parts: Sequence[Recording], effects: tuple[Effect, ...]) -> float:
     """Root mean square error of all positions in `parts`, predicted with `effects`."""
-    predictions = [simulate(problem.rig, one, problem.horizon, effects, problem.settings).q - one.q for one in parts]
-    return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))
+    missed = [error_at_once(problem.rig, one, problem.horizon, effects, problem.settings) for one in parts]
+    return float(np.sqrt(np.mean([np.mean(one**2, axis=0) for one in missed])))
 
 
 def unit_of(problem: Problem) -> str:

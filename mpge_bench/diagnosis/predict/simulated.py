@@ -1,0 +1,209 @@
+"""The simulator's own predictions in all windows at once: rolled forward by compiled code, or one after another in PyBullet where something needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.checks import trusted
+from mpge_bench.diagnosis.data.motion import differentiate
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor, stretches
+from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, Warm, mechanism
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Physics steps of windows that are stepped alike.
+
+    Attributes:
+        windows: which ones, shape (windows,).
+        every: physics steps between two of the path's rows; 0 where the recording's rows lie between physics steps, and the path has a row each step.
+        u: commands of the path's rows, shape (windows, rows, joints).
+        place: of each wanted row on the path, in its rows, shape (windows, wanted).
+    """
+
+    windows: Indices
+    every: int
+    u: Array
+    place: Array
+
+
+class SimulatedWindows:
+    """A rig's predictions along recordings, from any states at the windows' beginnings and under any effects.
+
+    Args:
+        rig: what the simulator believes.
+        recordings: with the commands.
+        recording: of each window, shape (windows,).
+        rows: of the file, rising, at which each window's prediction is wanted, from its beginning on; shape (windows, wanted).
+        parts: of which each physics step is made.
+    """
+
+    def __init__(
+        self, rig: Rig, recordings: Sequence[Recording], recording: Indices, rows: Indices, settings: DiagnosisSettings = DEFAULT, *, parts: int = 1
+    ) -> None:
+        self._rig = replace(rig, timestep=rig.timestep / parts)
+        self._recordings, self._recording, self._rows, self._settings = recordings, recording, rows, settings
+        steps: dict[int, list[tuple[int, Array, Array]]] = {}
+        for window, (r, own) in enumerate(zip(recording, rows, strict=True)):
+            every, u, place = self._stepped(recordings[r], own)
+            steps.setdefault(every, []).append((window, u, place))
+        self._grids = [_grid(every, found) for every, found in sorted(steps.items())]
+        self._warm_up = [self._steps_before(recordings[r], int(own[0])) for r, own in zip(recording, rows, strict=True)]
+
+    def predict(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
+        """What the sensors would read in every window if the mechanism with `effects` began it in the state of `starts`.
+
+        Args:
+            starts: q and dq, shape (windows, 2 joints).
+            references: true q and dq along each whole recording, shape (rows of the file, 2 joints), on which hidden states are warmed up and late sensors
+                look back.
+
+        Returns:
+            q and dq at the wanted rows, shape (windows, wanted, 2 joints); None if the simulation becomes unstable.
+        """
+        try:
+            return self._rolled(effects, starts, references)
+        except NotCovered:
+            return self._in_bullet(effects, starts, references)
+
+    def _rolled(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
+        """As `predict`; raises NotCovered where PyBullet is needed."""
+        made = mechanism(self._rig, effects)
+        warm = self._warmed(references) if made.program.remembers else None
+        sensors = [effect for effect in self._rig.chain(effects) if effect.on == "sensor"]
+        result = np.empty((*self._rows.shape, starts.shape[1]))
+        for grid in self._grids:
+            own = grid.windows
+            before = None if warm is None else Warm(warm.u[own], warm.q[own], warm.dq[own], warm.count[own])
+            every = max(grid.every, 1)
+            path = made.roll(starts[own], grid.u, every=every, unstable=self._settings.predict.unstable, warm=before)
+            if not np.isfinite(path).all():
+                return None
+            if sensors:
+                path = self._sensed(path, own, sensors, references, every * self._rig.timestep)
+            result[own] = _at(path, grid)
+        return result
+
+    def _in_bullet(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
+        """As `predict`, by PyBullet."""
+        result = np.empty((*self._rows.shape, starts.shape[1]))
+        try:
+            predictor = BulletPredictor(self._rig, effects, self._settings)
+            for window, (r, rows) in enumerate(zip(self._recording, self._rows, strict=True)):
+                result[window] = predictor.run(self._recordings[r], int(rows[0]), rows, starts[window], references[r])
+        except UserError:
+            return None
+        return result
+
+    def _stepped(self, recording: Recording, rows: Indices) -> tuple[int, Array, Array]:
+        """How one window is stepped, as `BulletPredictor.run` does: physics steps a row of the path, its commands, and where the wanted rows lie on it."""
+        dt, time, first, last = self._rig.timestep, recording.time, int(rows[0]), int(rows[-1])
+        until = time[last] - time[first]
+        every = round(float(until / max(last - first, 1)) / dt)
+        off = np.abs(time[first : last + 1] - time[first] - np.arange(last + 1 - first) * every * dt)
+        if every > 0 and bool(np.all(off < self._settings.predict.even * dt)):
+            return every, recording.u[first:last], (rows - first).astype(float)
+        at = time[first] + (np.arange(int(np.ceil(until / dt - 1e-6))) + 0.5) * dt
+        row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
+        return 0, recording.u[row], (time[rows] - time[first]) / dt
+
+    def _steps_before(self, recording: Recording, first: int) -> tuple[Array, Indices]:
+        """Times, s, of the physics steps before row `first` on which hidden states are warmed up, and the rows whose commands they get."""
+        dt, time = self._rig.timestep, recording.time
+        begin = max(time[0], time[first] - self._settings.predict.warm_up)
+        at = time[first] - dt * np.arange(round((time[first] - begin) / dt), 0, -1)
+        return at, np.clip(np.searchsorted(time, at + 0.5 * dt, side="right") - 1, 0, None)
+
+    def _warmed(self, references: Sequence[Array]) -> Warm:
+        """The motion of `references` just before each window."""
+        layout = self._rig.layout
+        count = np.array([len(at) for at, _ in self._warm_up], np.int64)
+        longest = int(count.max(initial=0))
+        u, motion = np.zeros((len(count), longest, layout.nv)), np.zeros((len(count), longest, layout.nq + layout.nv))
+        for window, ((at, row), r) in enumerate(zip(self._warm_up, self._recording, strict=True)):
+            if len(at):
+                u[window, -len(at) :] = self._recordings[r].u[row]
+                motion[window, -len(at) :] = _read(self._recordings[r].time, references[r], at)
+        return Warm(u, layout.q(motion), layout.dq(motion), count)
+
+    def _sensed(self, path: Array, own: Indices, sensors: Sequence[Effect], references: Sequence[Array], step: float) -> Array:
+        """What `sensors` read of `path`, shape (windows, rows, 2 joints), which begins at windows `own`; late ones look back on the references."""
+        layout, rows = self._rig.layout, path.shape[1]
+        back = int(np.ceil(sum(effect.looks_back or 0.0 for effect in sensors) / step))
+        seen = np.empty((len(own), back + rows, path.shape[2]))
+        seen[:, back:] = path
+        counts = np.zeros(len(own), np.int64)
+        for line, window in enumerate(own):
+            time, first = self._recordings[self._recording[window]].time, self._rows[window, 0]
+            counts[line] = min(back, int((time[first] - time[0]) / step + 1e-6))
+            at = time[first] - step * np.arange(counts[line], 0, -1)
+            seen[line, back - counts[line] : back] = _read(time, references[self._recording[window]], at)
+        for count in np.unique(counts):
+            # Before a recording's first row sensors take the motion to have gone on as it begins: nothing may stand there.
+            alike = counts == count
+            known = seen[alike, back - count :]
+            for effect in sensors:
+                effect.sense(layout.q(known), layout.dq(known), self._rig.joints.index(effect.target), step)
+            seen[alike, back - count :] = known
+        return seen[:, back:]
+
+
+def error_at_once(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect], settings: DiagnosisSettings = DEFAULT) -> Array:
+    """What `simulate` misses of the recorded positions, shape (rows, joints), all its stretches at once.
+
+    Raises:
+        UserError: if the simulation becomes unstable.
+    """
+    predictor = BulletPredictor(rig, effects, settings)
+    (recording,), _ = trusted([recording], rig, settings.data)
+    q, dq, _ = differentiate(recording, settings.data)
+    starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
+    missed = np.zeros_like(recording.q)
+    # A stretch of one row is the recording.
+    parts = [part for part in stretches(recording, horizon) if part[1] - part[0] > 1]
+    if not parts:
+        return missed
+    longest = max(end - first for first, end in parts)
+    rows = np.array([np.minimum(np.arange(first, first + longest), end - 1) for first, end in parts])
+    windows = SimulatedWindows(rig, [recording], np.zeros(len(parts), np.int64), rows, settings)
+    found = windows.predict(effects, starts[rows[:, 0]], [smooth])
+    if found is None:
+        raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in the rig")
+    missed[rows] = rig.layout.q(found) - recording.q[rows]
+    return missed
+
+
+def _read(time: Array, values: Array, at: Array) -> Array:
+    """`values` (rows, channels), known at `time`, at other times, shape (times, channels)."""
+    return np.column_stack([np.interp(at, time, column) for column in values.T])
+
+
+def _grid(every: int, found: Sequence[tuple[int, Array, Array]]) -> _Grid:
+    windows, commands, places = zip(*found, strict=True)
+    longest = max(len(u) for u in commands)
+    # Shorter windows go on under their last command; nobody asks where to.
+    filled = [np.concatenate((u, np.repeat(u[-1:], longest - len(u), 0))) for u in commands]
+    return _Grid(np.array(windows, np.int64), every, np.array(filled), np.array(places))
+
+
+def _at(path: Array, grid: _Grid) -> Array:
+    """`path` (windows, rows, 2 joints) at the wanted rows."""
+    line = np.arange(len(path))[:, None]
+    left = np.minimum(np.floor(grid.place + 1e-9).astype(int), path.shape[1] - (1 if grid.every else 2))
+    if grid.every:
+        return np.asarray(path[line, left])
+    # The physics step moves q with the velocity at its end, so straight lines join what it computes.
+    share = (grid.place - left)[..., None]
+    return np.asarray(path[line, left] + share * (path[line, left + 1] - path[line, left]))

@@ -1,0 +1,116 @@
+"""Windows predicted all at once are what PyBullet predicts one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from mpge_bench.diagnosis.data.motion import motion_of
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor, rows_in_bullet, simulate
+from mpge_bench.diagnosis.predict.fast.rollout import steered
+from mpge_bench.diagnosis.predict.fast.trees import flat_tree
+from mpge_bench.diagnosis.predict.simulated import SimulatedWindows, error_at_once
+from mpge_bench.diagnosis.predict.windows import windows_of
+from mpge_bench.envs.effects import (
+    Armature,
+    Backlash,
+    CoulombFriction,
+    Delay,
+    Effect,
+    Gravity,
+    JointDamping,
+    JointSpring,
+    PositionServo,
+    SensorBias,
+    SensorDelay,
+    SensorScale,
+)
+
+from ..conftest import ARM, record, write_rig
+
+Array = npt.NDArray[np.float64]
+
+
+class Case:
+    """Windows of two recordings of different length."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.recordings: Sequence[Recording] = [record(rig, seconds=1.5), record(rig, seconds=1.2, seed=1)]
+        motion = motion_of(self.recordings, rig)
+        where = windows_of(motion, 0.2)
+        self.recording = where.recording
+        self.rows = (where.start[:, None] + np.arange(where.length + 1)) * motion.stride
+        self.references = [np.concatenate((one.q, one.dq), 1) for one in self.recordings]
+        self.starts = np.array([self.references[r][rows[0]] for r, rows in zip(self.recording, self.rows, strict=True)]) + 0.01
+
+    def at_once(self, effects: Sequence[Effect], recordings: Sequence[Recording], parts: int = 1) -> Array | None:
+        return SimulatedWindows(self.rig, recordings, self.recording, self.rows, parts=parts).predict(effects, self.starts, self.references)
+
+    def one_by_one(self, effects: Sequence[Effect], recordings: Sequence[Recording], parts: int = 1) -> Array:
+        predictor = BulletPredictor(replace(self.rig, timestep=self.rig.timestep / parts), effects)
+        windows = zip(self.recording, self.rows, self.starts, strict=True)
+        return np.array([predictor.run(recordings[r], int(rows[0]), rows, start, self.references[r]) for r, rows, start in windows])
+
+
+@pytest.fixture(scope="module")
+def case(rig: Rig) -> Case:
+    return Case(rig)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        (Backlash("elbow", 0.03, 0.005), Delay("shoulder", 0.02), SensorBias("elbow", 0.1)),
+        (SensorDelay("shoulder", 0.031), SensorScale("shoulder", 0.9), CoulombFriction("elbow", 0.2)),
+        (PositionServo("elbow", 5.0, 0.1, 0.004),),
+        # One that PyBullet alone has.
+        (JointDamping("elbow", 0.05),),
+    ],
+)
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize("uneven", [False, True])
+def test_windows_are_predicted_as_pybullet_predicts_them(case: Case, effects: Sequence[Effect], parts: int, uneven: bool) -> None:
+    recordings = case.recordings
+    if uneven:
+        rng = np.random.default_rng(0)
+        recordings = [replace(one, time=one.time + 0.003 * np.sort(rng.uniform(0, 1, len(one.time)))) for one in recordings]
+    assert case.at_once(effects, recordings, parts) == pytest.approx(case.one_by_one(effects, recordings, parts), abs=1e-11)
+
+
+def test_an_unstable_prediction_is_none(case: Case) -> None:
+    assert case.at_once([JointSpring("elbow", 1e5)], case.recordings) is None
+    assert case.at_once([JointSpring("elbow", 1e5), JointDamping("elbow", 0.0)], case.recordings) is None
+
+
+@pytest.mark.parametrize("horizon", [0.01, 0.3, 0.5, 10.0])
+def test_errors_of_all_stretches_are_those_of_simulate(case: Case, horizon: float) -> None:
+    effects = [Delay("shoulder", 0.02), SensorBias("elbow", 0.1)]
+    recording = case.recordings[1]
+    expected = simulate(case.rig, recording, horizon, effects).q - recording.q
+    assert error_at_once(case.rig, recording, horizon, effects) == pytest.approx(expected, abs=1e-11)
+
+
+def test_windows_that_reach_an_end_stop_are_pybullets(tmp_path: Path) -> None:
+    path = write_rig(tmp_path)
+    limit = '<joint name="elbow" type="revolute"><limit lower="-0.5" upper="0.5" effort="9" velocity="9"/>'
+    (tmp_path / "arm.urdf").write_text(ARM.replace('<joint name="elbow" type="continuous">', limit))
+    case = Case(read_rig(path))
+    assert case.at_once((), case.recordings) == pytest.approx(case.one_by_one((), case.recordings), abs=1e-12)
+
+
+@pytest.mark.parametrize("bodies", [(), (Armature("elbow", 0.01), Gravity("world", (0.0, 1.0, -9.0)))])
+def test_rows_are_stepped_as_pybullet_steps_them(case: Case, bodies: Sequence[Effect]) -> None:
+    rig = case.rig
+    torques = np.random.default_rng(0).standard_normal((len(case.starts), 2))
+    tree = flat_tree(rig.changed(bodies), rig.joints, rig.rotors(bodies), rig.gravity)
+    found = steered(tree, 0.0005, bodies).roll(case.starts, torques[:, None], every=10, unstable=np.inf)[:, 1]
+    assert found == pytest.approx(rows_in_bullet(rig, bodies, case.starts, torques, 0.0005, 10), abs=1e-11)
