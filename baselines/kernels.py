@@ -40,18 +40,22 @@ def compiled(function: Function) -> Function:
 
 
 @compiled
+def _tanh_of(z: np.float32) -> np.float32:
+    # Written as choices, not as min and max: those would keep a loop from being vectorised.
+    z = _BOUND if z > _BOUND else z
+    z = -_BOUND if z < -_BOUND else z
+    s = z * z
+    over = ((((((_A13 * s + _A11) * s + _A9) * s + _A7) * s + _A5) * s + _A3) * s + _A1) * z
+    return over / (((_B6 * s + _B4) * s + _B2) * s + _B0)
+
+
+@compiled
 def _tanh(x: Array, bias: Array) -> None:
     """tanh(x + bias) in place, of rows (features, n)."""
     for row in range(x.shape[0]):
         shift = bias[row]
         for column in range(x.shape[1]):
-            # Written as choices, not as min and max: those would keep the loop from being vectorised.
-            z = x[row, column] + shift
-            z = _BOUND if z > _BOUND else z
-            z = -_BOUND if z < -_BOUND else z
-            s = z * z
-            over = ((((((_A13 * s + _A11) * s + _A9) * s + _A7) * s + _A5) * s + _A3) * s + _A1) * z
-            x[row, column] = over / (((_B6 * s + _B4) * s + _B2) * s + _B0)
+            x[row, column] = _tanh_of(x[row, column] + shift)
 
 
 @compiled
@@ -138,6 +142,42 @@ def act(mean: Array, log_std: Array, noise: Array, limit: float, actions: Array,
             executed[row, action] = min(max(chosen, -_ONE), _ONE) * limit
         log_probabilities[row] = probability
     return executed
+
+
+@compiled
+def _affine(x: Array, weight: Array, bias: Array) -> Array:
+    """x (i,) times weight (i, j) plus bias (j,)."""
+    found = bias.copy()
+    for i in range(x.size):
+        for j in range(found.size):
+            found[j] += x[i] * weight[i, j]
+    return found
+
+
+@compiled
+def _hidden(x: Array, weight: Array, bias: Array) -> Array:
+    """A tanh layer's output (j,) for `x` (i,)."""
+    found = _affine(x, weight, bias)
+    for j in range(found.size):
+        found[j] = _tanh_of(found[j])
+    return found
+
+
+@compiled
+def outputs(x: Array, member: Array, first: tuple[Array, Array], second: tuple[Array, Array], head: tuple[Array, Array]) -> Array:
+    """What one of K networks of two tanh layers makes of each row, (n, outputs); only the network that a row asks for is worked out.
+
+    Args:
+        x: inputs (n, inputs).
+        member: which network, (n,).
+        first, second, head: weights (K, inputs, outputs) and biases (K, outputs) of each layer.
+    """
+    found = np.empty((x.shape[0], head[1].shape[1]), np.float32)
+    for row in range(x.shape[0]):
+        one = member[row]
+        hidden = _hidden(_hidden(x[row], first[0][one], first[1][one]), second[0][one], second[1][one])
+        found[row] = _affine(hidden, head[0][one], head[1][one])
+    return found
 
 
 def no_rewards() -> Array:

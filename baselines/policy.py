@@ -19,6 +19,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from mpge_bench.baselines.kernels import outputs
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[Any]
@@ -127,7 +128,7 @@ class Policy(Protocol):
 
 
 class PolicySet:
-    """K Gaussian policies evaluated together in numpy, each world with the one it asks for: many times faster than K torch calls on a few worlds.
+    """K Gaussian policies evaluated together, each world with the one it asks for: many times faster than K torch calls on a few worlds.
 
     Args:
         weights: one state dict of `GaussianPolicy` a policy, all of one shape.
@@ -144,13 +145,16 @@ class PolicySet:
         def stack(name: str) -> Array:
             return np.stack([member[name] for member in weights])
 
-        self._mean, self._std = stack("features_extractor.mean")[:, None], stack("features_extractor.std")[:, None]
-        layers = ["mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2"]
-        self._hidden = [(stack(f"{layer}.weight").swapaxes(1, 2), stack(f"{layer}.bias")[:, None]) for layer in layers]
-        heads = ["action_net", "log_std_net"]
-        weight = np.concatenate([stack(f"{head}.weight") for head in heads], axis=1).swapaxes(1, 2)
-        self._head = (weight, np.concatenate([stack(f"{head}.bias") for head in heads], axis=1)[:, None])
-        self.action_size = weight.shape[2] // 2
+        self._mean, self._std = stack("features_extractor.mean"), stack("features_extractor.std")
+        layers = [("mlp_extractor.policy_net.0",), ("mlp_extractor.policy_net.2",), ("action_net", "log_std_net")]
+        self._layers = [
+            (
+                np.concatenate([stack(f"{name}.weight") for name in names], axis=1).swapaxes(1, 2).astype(np.float32, order="C"),
+                np.concatenate([stack(f"{name}.bias") for name in names], axis=1).astype(np.float32),
+            )
+            for names in layers
+        ]
+        self.action_size = self._layers[-1][1].shape[1] // 2
 
     def __len__(self) -> int:
         return self.members
@@ -164,10 +168,8 @@ class PolicySet:
 
     def distribution(self, observation: Array, member: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, both (n, actuators), at observations (n, o) of the policies with indices (n,)."""
-        x = np.clip((observation[None] - self._mean) / self._std, -CLIP, CLIP)
-        for weight, bias in self._hidden:
-            x = np.tanh(x @ weight + bias)
-        out = (x @ self._head[0] + self._head[1])[member, np.arange(len(observation))]
+        x = np.clip((observation - self._mean[member]) / self._std[member], -CLIP, CLIP)
+        out = outputs(x.astype(np.float32), member, *self._layers).astype(float)
         mean, log_std = out[:, : self.action_size], out[:, self.action_size :]
         return mean * self.limit, np.exp(np.clip(log_std, *LOG_STD_RANGE)) * self.limit
 
