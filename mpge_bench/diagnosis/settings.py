@@ -88,8 +88,8 @@ class HypothesisSettings:
 class FitSettings:
     """Of screening and fitting."""
 
-    draws: int = _setting(999, "draws", "of the test for any mismatch at all: p down to 0.001")
-    draws_left: int = _setting(499, "draws", "of the test for what a model leaves over")
+    draws: int = _setting(1000, "draws", "of the test for any mismatch at all: p down to 0.001")
+    draws_left: int = _setting(500, "draws", "of the test for what a model leaves over")
     draws_order: int = _setting(49, "draws", "where only the order of the candidates is wanted")
     told: float = _setting(0.01, "squared standard deviations", "a parameter that moves the prediction by less when it doubles is not told")
     evaluations: int = _setting(12, "evaluations", "of the linearised simulator in a fit")
@@ -164,6 +164,7 @@ class VerdictSettings:
     explained: float = _setting(1.5, "times the noise", "what is left on held-out windows below which named physics explains a mismatch")
     confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
     undecided: float = _setting(2.0, "squared distances", "a model that misses more by this is not taken for the chosen one, however near its prediction")
+    no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
     interval: float = _setting(1.96, "standard errors", "that a 95% interval reaches either way")
     rivals: int = _setting(8, "models", "are listed with their errors")
     ruled_out: float = _setting(5.0, "log evidence", "odds of 150 to 1 against the model")

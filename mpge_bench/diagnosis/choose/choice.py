@@ -48,7 +48,7 @@ class Choice:
         nominal, fitter: the model of no effects under that noise, and its fitter.
         chosen: the answer.
         models: all that were fitted to the end, those of no effects among them.
-        p_value: of there being no mismatch.
+        test: of there being no mismatch.
         late: whether the time budget ended the search early.
     """
 
@@ -58,7 +58,7 @@ class Choice:
     fitter: LinearFitter
     chosen: Model
     models: tuple[Model, ...]
-    p_value: float
+    test: Screening
     late: bool
 
 
@@ -74,4 +74,4 @@ def choose(
         chosen = with_curves(trials, simplest(trials))
         fit_twins(trials, chosen)
     models = tuple(trials.models)
-    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening.p_value, clock.late)
+    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, clock.late)

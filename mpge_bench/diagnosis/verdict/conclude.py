@@ -10,10 +10,11 @@ from mpge_bench.diagnosis.predict.smooth import rebase
 from mpge_bench.diagnosis.verdict.accuracy import accuracy, error_of, held_parts, held_recordings
 from mpge_bench.diagnosis.verdict.confusions import confusions, rivals
 from mpge_bench.diagnosis.verdict.detectable import detectable
+from mpge_bench.diagnosis.verdict.enough import more_data
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult, Evidence
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
-from mpge_bench.diagnosis.verdict.words import checks, summary
+from mpge_bench.diagnosis.verdict.words import chance, checks, summary
 from mpge_bench.envs.effects import UnknownTorque
 
 
@@ -23,6 +24,8 @@ def conclude(choice: Choice, clock: Clock) -> DiagnosisResult:
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
     verdict = verdict_of(choice)
+    mismatch = verdict not in ("no_mismatch", "too_little_data")
+    more = more_data(choice) if verdict == "too_little_data" else None
     parts = held_parts(problem)
     fit, trajectories = accuracy(choice, after, parts)
     others = rivals(choice, lambda effects: error_of(problem, parts, effects))
@@ -33,27 +36,31 @@ def conclude(choice: Choice, clock: Clock) -> DiagnosisResult:
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
     return DiagnosisResult(
         verdict,
-        choice.p_value,
-        where if verdict != "no_mismatch" else (),
+        choice.test.p_value,
+        where if mismatch else (),
         found_effects(problem.rig, named, curves, confidence),
         others,
         alike,
         fit,
         not choice.late,
-        summary(verdict, choice.p_value, named, curves, fit, others, where, settings.verdict, late=choice.late),
+        summary(verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, late=choice.late),
         detectable(choice),
         checks(problem),
         _about(choice, clock),
         settings,
         Evidence(joints, laws(problem, chosen.effects), trajectories),
+        p_is_bound=choice.test.is_bound,
+        more_data=more,
     )
 
 
 def verdict_of(choice: Choice) -> str:
-    """Whether there is a mismatch, and whether named physics explains it."""
+    """Whether there is a mismatch, as far as so many recordings can tell, and whether named physics explains it."""
     settings, chosen = choice.problem.settings, choice.chosen
-    if choice.p_value >= settings.choose.significance:
-        return "no_mismatch"
+    if choice.test.p_value >= settings.choose.significance:
+        # A test that could not have told a mismatch, or what is missed all the same, says nothing of there being none.
+        told = choice.test.least < settings.choose.significance and choice.nominal.overall < settings.verdict.explained
+        return "no_mismatch" if told else "too_little_data"
     if not chosen.effects and chosen.overall < settings.verdict.explained:
         # Significant perhaps, but no model predicts held-out recordings any better, and what is missed is about the noise.
         return "no_mismatch"

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Value = float | tuple[float, ...] | None
 
 SCHEMA = "mpge_bench/diagnosis/1"
-VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
+VERDICTS = ("no_mismatch", "too_little_data", "explained", "partly_explained", "unexplained")
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,15 @@ class Detectable:
 
 
 @dataclass(frozen=True)
+class MoreData:
+    """What it takes to tell whether there is a mismatch: windows there are, windows needed, and how much longer the recordings would be, s."""
+
+    windows: int
+    needed: int
+    seconds: float
+
+
+@dataclass(frozen=True)
 class JointEvidence:
     """Force that the simulator lacks at one joint, row by row of all recordings, thinned out to a few thousand rows.
 
@@ -192,6 +201,8 @@ class DiagnosisResult:
         about: horizon, recordings used for training and held out, seconds taken, for people.
         settings: every threshold that was used.
         evidence: not in the file.
+        p_is_bound: whether p is below `p_value`, which is the smallest that was looked for.
+        more_data: needed, where there is too little.
     """
 
     verdict: str
@@ -208,6 +219,8 @@ class DiagnosisResult:
     about: Mapping[str, str] = field(default_factory=dict)
     settings: DiagnosisSettings = DEFAULT
     evidence: Evidence = Evidence()
+    p_is_bound: bool = False
+    more_data: MoreData | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain data as diagnosis.json holds them: infinities and NaN are null."""
@@ -216,6 +229,8 @@ class DiagnosisResult:
             "schema": SCHEMA,
             "verdict": self.verdict,
             "p_value": self.p_value,
+            "p_is_bound": self.p_is_bound,
+            "more_data": self.more_data and vars(self.more_data),
             "where": [vars(one) for one in self.where],
             "effects": [_effect_to_json(one) for one in self.effects],
             "alternatives": [vars(one) for one in self.alternatives],
@@ -259,6 +274,8 @@ class DiagnosisResult:
             about=data.get("about") or {},
             settings=DiagnosisSettings.from_dict(data.get("settings") or {}),
             evidence=evidence,
+            p_is_bound=data.get("p_is_bound", False),
+            more_data=MoreData(**more) if (more := data.get("more_data")) else None,
         )
 
 

@@ -8,21 +8,23 @@ import numpy as np
 
 from mpge_bench.diagnosis.data.motion import resolution
 from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.fit.screen import Screening
 from mpge_bench.diagnosis.settings import VerdictSettings
 from mpge_bench.diagnosis.verdict.intervals import Intervals
-from mpge_bench.diagnosis.verdict.result import Accuracy, Place, Rival
+from mpge_bench.diagnosis.verdict.result import Accuracy, MoreData, Place, Rival
 from mpge_bench.envs.effects import Effect
 
 
 def summary(
     verdict: str,
-    p_value: float,
+    p: str,
     named: Sequence[tuple[Effect, Intervals]],
     curves: Sequence[Effect],
     fit: Accuracy,
     rivals: Sequence[Rival],
     where: Sequence[Place],
     settings: VerdictSettings,
+    more: MoreData | None,
     *,
     late: bool,
 ) -> tuple[str, ...]:
@@ -32,15 +34,20 @@ def summary(
     assert held.after is not None
     assert held.noise_floor is not None
     lines = []
-    if verdict == "no_mismatch":
-        lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise (p = {p_value:.2g}).")
-        lines.append(f"Held-out {horizon} prediction error: {held.before:.3g} {held.unit}; the noise alone makes {held.noise_floor:.3g}.")
+    error = f"Held-out {horizon} prediction error: {held.before:.3g} {held.unit}; the noise alone makes {held.noise_floor:.3g}."
+    if more is not None:
+        lines.append(f"Too little data: {more.windows} windows of {horizon} cannot tell a mismatch from chance ({p}).")
+        lines.append(f"It takes about {more.needed} windows: record about {more.seconds:.0f} s more, in recordings as they are or longer ones.")
+        lines.append(error)
+    elif verdict == "no_mismatch":
+        lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise ({p}).")
+        lines.append(error)
     else:
         lines += [effect.say(bounds) for effect, bounds in named]
         lines += [curve.say({}) for curve in curves]
         if not named and not curves:
             place = ", ".join(f"{one.name} ({100 * one.share:.0f}%, {one.regime})" for one in where[:2])
-            lines.append(f"There is a mismatch (p = {p_value:.2g}), and no physics of the catalogue explains it. It shows at: {place}.")
+            lines.append(f"There is a mismatch ({p}), and no physics of the catalogue explains it. It shows at: {place}.")
         else:
             at_noise = held.after < settings.at_noise * held.noise_floor
             near = ", the sensors' noise" if at_noise else f"; the sensors' noise would be {held.noise_floor:.2g}"
@@ -53,6 +60,11 @@ def summary(
     if late:
         lines.append("The time budget ended the search early: this is the best answer so far.")
     return tuple(lines)
+
+
+def chance(test: Screening) -> str:
+    """The test's p, for people."""
+    return f"p < {test.p_value:.1g}" if test.is_bound else f"p = {test.p_value:.2g}"
 
 
 def checks(problem: Problem) -> tuple[str, ...]:
