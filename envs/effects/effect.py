@@ -39,12 +39,14 @@ class Parameter:
     percent: bool = False
 
     def told(self, value: float | tuple[float, ...], intervals: Sequence[tuple[float, float]]) -> str:
-        """The value, with its 95% interval and unit, for people; `intervals` holds one for each number."""
+        """The value, with its 95% interval and unit, for people; `intervals` holds one for each number, infinite where nothing tells it."""
         values = value if isinstance(value, tuple) else (value,)
         unit = "" if self.unit == "1" else f" {self.unit}"
         if len(values) > 1:
-            return "(" + ", ".join(f"{one:.4g}" for one in values) + f"){unit}"
+            return "(" + ", ".join(f"{one:.4g}" if math.isfinite(high - low) else "not told" for one, (low, high) in zip(values, intervals, strict=True)) + f"){unit}"
         low, high = intervals[0]
+        if math.isinf(high - low):
+            return f"{values[0]:.4g}{unit} (not told by these recordings)"
         if self.percent:
             return f"{100 * values[0]:.3g}% ({100 * low:.3g}-{100 * high:.3g}%)"
         return f"{values[0]:.4g}{unit} ({low:.4g} to {high:.4g})"

@@ -92,6 +92,8 @@ class FitSettings:
     draws_left: int = _setting(500, "draws", "of the test for what a model leaves over")
     draws_order: int = _setting(49, "draws", "where only the order of the candidates is wanted")
     told: float = _setting(0.01, "squared standard deviations", "a parameter that moves the prediction by less when it doubles is not told")
+    same: float = _setting(5e-4, "share of a column's length", "derivatives by differences tell two columns that differ by less from none")
+    involved: float = _setting(0.01, "squared share of a direction", "parameters that make up less of an untold direction are told without it")
     evaluations: int = _setting(12, "evaluations", "of the linearised simulator in a fit")
     evaluations_tried: int = _setting(5, "evaluations", "for second and third starts")
     evaluations_polish: int = _setting(6, "evaluations", "before PyBullet's own predictions take over")

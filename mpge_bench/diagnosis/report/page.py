@@ -66,6 +66,7 @@ def report_html(result: DiagnosisResult) -> str:
         mismatch=result.verdict not in ("no_mismatch", "too_little_data"),
         fit=fit_of(result.fit),
         effects=effects,
+        untold=result.untold,
         where=where_lines(result.where),
         joints=joints_table(joints, corrected),
         shown=[plots for shown, plots in drawn if shown],

@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.verdict.accuracy import accuracy, error_of, held_parts
 from mpge_bench.diagnosis.verdict.confusions import confusions, rivals
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.diagnosis.verdict.enough import more_data
-from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals
+from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult, Evidence
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
 from mpge_bench.diagnosis.verdict.words import chance, checks, summary
@@ -32,7 +32,7 @@ def conclude(choice: Choice, clock: Clock) -> DiagnosisResult:
     alike, confidence = confusions(choice)
     joints = joint_evidence(problem, after, corrected=bool(chosen.effects))
     where = places(joints, chosen.effects, settings.verdict)
-    named = intervals(chosen)
+    named, lost = intervals(chosen), untold(chosen)
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
     return DiagnosisResult(
         verdict,
@@ -43,13 +43,14 @@ def conclude(choice: Choice, clock: Clock) -> DiagnosisResult:
         alike,
         fit,
         not choice.late,
-        summary(verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, late=choice.late),
+        summary(verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, late=choice.late),
         detectable(choice),
         checks(problem),
         _about(choice, clock),
         settings,
         Evidence(joints, laws(problem, chosen.effects), trajectories),
         p_is_bound=choice.test.is_bound,
+        untold=lost,
         more_data=more,
     )
 

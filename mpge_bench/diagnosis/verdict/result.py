@@ -202,6 +202,7 @@ class DiagnosisResult:
         settings: every threshold that was used.
         evidence: not in the file.
         p_is_bound: whether p is below `p_value`, which is the smallest that was looked for.
+        untold: parameters that the recordings do not tell; those of one group are told only together.
         more_data: needed, where there is too little.
     """
 
@@ -220,6 +221,7 @@ class DiagnosisResult:
     settings: DiagnosisSettings = DEFAULT
     evidence: Evidence = Evidence()
     p_is_bound: bool = False
+    untold: tuple[tuple[str, ...], ...] = ()
     more_data: MoreData | None = None
 
     def to_json(self) -> dict[str, Any]:
@@ -230,6 +232,7 @@ class DiagnosisResult:
             "verdict": self.verdict,
             "p_value": self.p_value,
             "p_is_bound": self.p_is_bound,
+            "untold": self.untold,
             "more_data": self.more_data and vars(self.more_data),
             "where": [vars(one) for one in self.where],
             "effects": [_effect_to_json(one) for one in self.effects],
@@ -275,6 +278,7 @@ class DiagnosisResult:
             settings=DiagnosisSettings.from_dict(data.get("settings") or {}),
             evidence=evidence,
             p_is_bound=data.get("p_is_bound", False),
+            untold=tuple(tuple(group) for group in data.get("untold") or ()),
             more_data=MoreData(**more) if (more := data.get("more_data")) else None,
         )
 
@@ -290,7 +294,7 @@ def _effect_to_json(one: FoundEffect) -> dict[str, Any]:
 
 def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
     parameters = {
-        name: Estimate(_value(one.get("value")), one.get("unit") or "", _value(one.get("low")), _value(one.get("high")))
+        name: Estimate(_value(one.get("value")), one.get("unit") or "", _bound(one, "low", -math.inf), _bound(one, "high", math.inf))
         for name, one in data["parameters"].items()
     }
     return FoundEffect(data["effect"], data["target"], data.get("confidence"), parameters, tuple(data.get("depends_on") or ()))
@@ -302,6 +306,14 @@ def _fit_from_json(data: Mapping[str, Any]) -> Accuracy:
 
     channels = {name: errors(one, one.get("unit") or "") for name, one in (data.get("channels") or {}).items()}
     return Accuracy(data.get("horizon_s"), errors(data.get("held_out") or {}, data.get("unit") or ""), channels)
+
+
+def _bound(one: Mapping[str, Any], side: str, endless: float) -> Value:
+    """An end of an interval; the file has null where it is infinite, and none at all where there is no interval."""
+    if side not in one:
+        return None
+    value = one[side]
+    return tuple(endless if number is None else number for number in value) if isinstance(value, list | tuple) else endless if value is None else value
 
 
 def _value(value: Any) -> Value:

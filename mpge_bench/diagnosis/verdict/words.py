@@ -25,6 +25,7 @@ def summary(
     where: Sequence[Place],
     settings: VerdictSettings,
     more: MoreData | None,
+    lost: Sequence[Sequence[str]],
     *,
     late: bool,
 ) -> tuple[str, ...]:
@@ -52,6 +53,8 @@ def summary(
             at_noise = held.after < settings.at_noise * held.noise_floor
             near = ", the sensors' noise" if at_noise else f"; the sensors' noise would be {held.noise_floor:.2g}"
             lines.append(f"Held-out {horizon} prediction error falls from {held.before:.3g} to {held.after:.3g} {held.unit}{near}.")
+        lines += [f"Not told by these recordings: {group[0]}." for group in lost if len(group) == 1]
+        lines += [f"Not told by these recordings one by one: {', '.join(group)}." for group in lost if len(group) > 1]
         if verdict == "partly_explained":
             lines.append("Named physics explains only part of it; see the report for where the rest shows.")
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
