@@ -43,7 +43,8 @@ class Parameter:
         values = value if isinstance(value, tuple) else (value,)
         unit = "" if self.unit == "1" else f" {self.unit}"
         if len(values) > 1:
-            return "(" + ", ".join(f"{one:.4g}" if math.isfinite(high - low) else "not told" for one, (low, high) in zip(values, intervals, strict=True)) + f"){unit}"
+            texts = [f"{one:.4g}" if math.isfinite(high - low) else "not told" for one, (low, high) in zip(values, intervals, strict=True)]
+            return f"({', '.join(texts)}){unit}"
         low, high = intervals[0]
         if math.isinf(high - low):
             return f"{values[0]:.4g}{unit} (not told by these recordings)"

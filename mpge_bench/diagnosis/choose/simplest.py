@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mpge_bench.diagnosis.choose.exported import no_worse
 from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -14,11 +15,15 @@ from mpge_bench.envs.effects import Effect
 
 
 def simplest(trials: Trials) -> Model:
-    """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is."""
+    """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is.
+
+    None that predicts worse in the simulator as it is exported than the simulator without it.
+    """
     problem = trials.problem
     best = min(trials.models, key=lambda one: one.held_out)
     equal = [one for one in trials.models if not is_better(problem, one, best)]
-    chosen = min(equal, key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
+    equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
+    chosen = next((one for one in equal if no_worse(problem, one, trials.nominal)), trials.nominal)
     return _plainer(trials, _needed(trials, chosen))
 
 

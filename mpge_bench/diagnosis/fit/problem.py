@@ -31,7 +31,7 @@ class Problem:
     Attributes:
         linear: without effects.
         windows: in which predictions are judged.
-        held_out: which of them are kept from fitting, shape (windows,).
+        held_out: which of them are kept from fitting, and choose between models, shape (windows,).
         sigma: the noise as it is estimated now, shape (2 joints,).
         horizon: how far ahead predictions are judged, s.
     """
@@ -86,7 +86,7 @@ class Model:
 
     Attributes:
         fit: effects and what they leave.
-        train, held_out, overall: `LinearFitter.chi_square` of the train, the held-out and all windows.
+        train, held_out, overall: `LinearFitter.chi_square` of the windows for fitting, of those for choosing, and of all.
         typical: median over all windows.
         parameters: how many directions of its parameters the recordings tell.
         untold: its parameters that the recordings do not tell, by their indices; those that are told only together are one group.

@@ -44,7 +44,7 @@ def windows_of(motion: Motion, horizon: float) -> Windows:
 
 
 def held_out_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_]:
-    """Which windows are kept from fitting, shape (windows,): those of the last recordings, of a single one its end."""
+    """Which windows are kept from fitting, for choosing, shape (windows,): those of the last recordings, of a single one its end."""
     settings = motion.settings.predict
     count = len(motion.rows)
     if count > 1:

@@ -27,11 +27,13 @@ def rivals(choice: Choice, error_of: Callable[[tuple[Effect, ...]], float]) -> t
     for one in sorted([choice.nominal, *choice.models], key=lambda one: one.held_out):
         if one.key != chosen.key and one.fit.residuals.shape == chosen.fit.residuals.shape:
             found.setdefault(one.key, one)
-    result = []
+    result, least = [], error_of(chosen.effects)
     for one in list(found.values())[: choice.problem.settings.verdict.rivals]:
         behind = float((one.fit.cost - chosen.fit.cost)[held].sum()) / 2 / max(1.0, chosen.held_out)
         values = "; ".join(", ".join(f"{value:.4g}" for value in parameters_of(effect)) for effect in one.effects)
-        result.append(Rival(tuple(label(one.effects).split(" + ")), error_of(one.effects), behind, values))
+        error = error_of(one.effects)
+        # What predicts unseen recordings as well is not ruled out by others.
+        result.append(Rival(tuple(label(one.effects).split(" + ")), error, behind if error > least else min(behind, 0.0), values))
     return tuple(result)
 
 

@@ -18,5 +18,6 @@ def more_data(choice: Choice) -> MoreData:
     fewest = 2 + math.floor(math.log2(1 / settings.choose.significance))
     wanted = windows * math.log(settings.choose.significance) / math.log(min(test.p_value, settings.verdict.no_evidence))
     needed = max(fewest, math.ceil(wanted), windows + 1)
-    recorded = sum(one.duration for one in problem.recordings)
+    # Of what is recorded more a part is held out, too.
+    recorded = sum(one.duration for one in problem.recordings) / (1 - settings.data.unseen)
     return MoreData(windows, needed, recorded * (needed / windows - 1))
