@@ -29,7 +29,7 @@ class Windows:
 
 
 def windows_of(motion: Motion, horizon: float) -> Windows:
-    """Windows of `horizon` s one after another, as many as there are in full.
+    """Windows of `horizon` s one after another, as many as there are in full. No row is in two: its noise would make them alike, and chance look like more.
 
     The first begins some way into the recording, where that is long enough: what hidden states were at its start nobody knows.
     """
@@ -38,7 +38,7 @@ def windows_of(motion: Motion, horizon: float) -> Windows:
     length = int(max(settings.shortest_window, min(round(horizon / period), motion.rows.min() - 1)))
     skipped = round(settings.warm_up / period)
     first = skipped if motion.rows.min() > skipped + settings.spare_windows * length else 0
-    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length)]
+    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length + 1)]
     recording, start = np.array(pairs).T
     return Windows(recording, start, length)
 
