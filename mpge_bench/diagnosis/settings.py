@@ -153,10 +153,9 @@ class ChooseSettings:
         3.0, "times the noise", "PyBullet alone leads on from here; a plainer model must come as near to be fitted in full"
     )
     converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
-    alike: float = _setting(0.995, "cosine", "between what two effects change of the prediction, from which on one may be taken for the other")
-    twins: int = _setting(2, "models", "that may be taken for the chosen one are fitted")
+    apart: float = _setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
+    twins: int = _setting(2, "models", "that may be taken for the chosen one and are plainer are fitted")
     curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
-    spare_time: float = _setting(0.5, "of the time taken", "what must be left for fitting twins")
     mostly: float = _setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
     search_share: float = _setting(0.65, "of the time budget", "after which nothing new is begun, so that what is under way ends within it")
 
@@ -167,7 +166,6 @@ class VerdictSettings:
 
     explained: float = _setting(1.5, "times the noise", "what is left on held-out windows below which named physics explains a mismatch")
     confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
-    undecided: float = _setting(2.0, "squared distances", "a model that misses more by this is not taken for the chosen one, however near its prediction")
     no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
     interval: float = _setting(1.96, "standard errors", "that a 95% interval reaches either way")
     rivals: int = _setting(8, "models", "are listed with their errors")

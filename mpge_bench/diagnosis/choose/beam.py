@@ -55,7 +55,9 @@ def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> lis
     drafts: list[Model] = []
     for place, (model, fitter) in enumerate(beam):
         # Where the best model's next step leads near the noise, those that are far off need not be followed.
-        if depth and (trials.late or min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall):
+        if depth and min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall:
+            break
+        if depth and trials.cut_short("combining effects"):
             break
         looked = screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order) if model.effects else screening
         drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)

@@ -40,7 +40,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     where = places(joints, chosen.effects, settings.verdict)
     named, lost = intervals(chosen), untold(chosen)
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
-    lines = summary(verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, late=choice.late)
+    lines = summary(verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut)
     result = DiagnosisResult(
         verdict,
         choice.test.p_value,
@@ -49,7 +49,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         others,
         alike,
         fit,
-        not choice.late,
+        not choice.cut,
         (*lines, *taken_back),
         detectable(choice),
         checks(problem),
@@ -99,6 +99,6 @@ def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
         "held out": cut + ", ".join(one.path.name for one in parts.unseen),
         "fitted to": ", ".join(name for r, name in enumerate(names) if r not in chosen_by) or f"the first two thirds of the rest of {names[0]}",
         "chosen by": ", ".join(name for r, name in enumerate(names) if r in chosen_by) if len(names) > 1 else f"the last third of the rest of {names[0]}",
-        "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (", stopped by the time budget" if choice.late else ""),
+        "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (", cut short by the time budget: " + ", ".join(choice.cut) if choice.cut else ""),
         "models fitted": str(len(choice.models)),
     }

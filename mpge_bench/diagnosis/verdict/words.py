@@ -26,8 +26,7 @@ def summary(
     settings: VerdictSettings,
     more: MoreData | None,
     lost: Sequence[Sequence[str]],
-    *,
-    late: bool,
+    cut: Sequence[str],
 ) -> tuple[str, ...]:
     """What was found, how much it helps, and what it was held against."""
     held, horizon = fit.held_out, f"{fit.horizon:g} s"
@@ -60,8 +59,8 @@ def summary(
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
         if out and (named or curves):
             lines.append("Ruled out: " + "; ".join(f"{' + '.join(one.effects)} (error {one.held_out_error:.3g})" for one in out) + ".")
-    if late:
-        lines.append("The time budget ended the search early: this is the best answer so far.")
+    if cut:
+        lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
     return tuple(lines)
 
 
