@@ -120,8 +120,8 @@ class TorqueGain(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= self.gain
 
-    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
-        return f"The {self.target}'s motor is dead." if self.gain < 0.02 else super().say(intervals)
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        return f"The {self.target}'s motor is dead." if self.gain < 0.02 else super().say(intervals, slide=slide)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

@@ -113,11 +113,6 @@ class WindowPredictor:
         """Rows before the window on which hidden states are warmed up."""
         return max(1, round(self.settings.warm_up / self.linear.motion.period))
 
-    @property
-    def _back(self) -> int:
-        """Rows before the window that late sensors look back to."""
-        return max(1, round(self.settings.looks_back / self.linear.motion.period))
-
     def _with_warm_up(self) -> tuple[Array, Array, Array]:
         """u, q and dq at the physics steps of the warm-up and the window; before the recording nothing moves."""
         motion, warm = self.linear.motion, self._warm
@@ -218,10 +213,11 @@ class WindowPredictor:
             return np.zeros_like(self.state)
         motion, layout = self.linear.motion, self.linear.motion.layout
         # Sensors may look back beyond the window's start.
-        rows = self.windows.start[:, None] + np.arange(-self._back, self.windows.length + 1)
+        back = int(np.ceil(sum(effect.looks_back or 0.0 for effect in sensors) / motion.period)) + 1
+        rows = self.windows.start[:, None] + np.arange(-back, self.windows.length + 1)
         state = motion.state[self.windows.recording[:, None], np.maximum(rows, 0)]
-        state[:, self._back :] = self.state
+        state[:, back:] = self.state
         q, dq = layout.q(state).copy(), layout.dq(state).copy()
         for effect in sensors:
             effect.sense(q, dq, self.linear.rig.joints.index(effect.target), motion.period)
-        return np.asarray(layout.state(q, dq) - state)[:, self._back :]
+        return np.asarray(layout.state(q, dq) - state)[:, back:]

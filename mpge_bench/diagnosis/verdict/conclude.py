@@ -40,7 +40,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     where = places(joints, chosen.effects, settings.verdict)
     named, lost = intervals(chosen), untold(chosen)
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
-    lines = summary(verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut)
+    lines = summary(problem.rig, verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut)
     result = DiagnosisResult(
         verdict,
         choice.test.p_value,

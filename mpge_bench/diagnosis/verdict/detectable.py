@@ -29,6 +29,7 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
             for start, power in zip(candidate.starts, strength, strict=True)
             if power > 0
         ]
+        slide = choice.problem.rig.is_slide(candidate.target)
         if sizes:
-            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit))
+            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))
     return tuple(found)

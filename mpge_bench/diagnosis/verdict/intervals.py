@@ -54,11 +54,11 @@ def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: S
         for name, parameter in effect.parameters.items():
             value, many = getattr(effect, name), bounds[name]
             low, high = (tuple(pair[side] for pair in many) if isinstance(value, tuple) else many[0][side] for side in (0, 1))
-            parameters[name] = Estimate(value, parameter.unit, low, high)
+            parameters[name] = Estimate(value, parameter.unit_of(slide=rig.is_slide(effect.target)), low, high)
         found.append(FoundEffect(effect.name, effect.target, confidence, parameters))
     for curve in curves:
         units = rig.units(curve.target)
         signal = {"command": units.force, "q": units.position, "dq": units.velocity}[curve.signal]
-        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, curve.parameters["torque"].unit)}
+        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, units.force)}
         found.append(FoundEffect(curve.name, curve.target, confidence, parameters, (curve.signal,)))
     return tuple(found)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mpge_bench.diagnosis.data.motion import resolution
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.fit.screen import Screening
 from mpge_bench.diagnosis.settings import VerdictSettings
@@ -16,6 +17,7 @@ from mpge_bench.envs.effects import Effect
 
 
 def summary(
+    rig: Rig,
     verdict: str,
     p: str,
     named: Sequence[tuple[Effect, Intervals]],
@@ -43,8 +45,8 @@ def summary(
         lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise ({p}).")
         lines.append(error)
     else:
-        lines += [effect.say(bounds) for effect, bounds in named]
-        lines += [curve.say({}) for curve in curves]
+        lines += [effect.say(bounds, slide=rig.is_slide(effect.target)) for effect, bounds in named]
+        lines += [curve.say({}, slide=rig.is_slide(curve.target)) for curve in curves]
         if not named and not curves:
             place = ", ".join(f"{one.name} ({100 * one.share:.0f}%, {one.regime})" for one in where[:2])
             lines.append(f"There is a mismatch ({p}), and no physics of the catalogue explains it. It shows at: {place}.")
