@@ -1,4 +1,4 @@
-"""How well a model predicts as people will use it: by `simulate`, without anything that corrected.yaml does not hold."""
+"""How well a model predicts as people will use it: by `predicted`, without anything that corrected.yaml does not hold."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.bullet import predicted
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 
@@ -17,7 +17,7 @@ from mpge_bench.envs.errors import UserError
 def error_of(problem: Problem, recordings: Sequence[Recording], effects: tuple[Effect, ...]) -> float:
     """Root mean square error of all positions in `recordings`, predicted with `effects`; infinite if the simulation is unstable."""
     try:
-        predictions = [simulate(problem.rig, one, problem.horizon, effects, problem.settings).q - one.q for one in recordings]
+        predictions = [predicted(problem.rig, one, problem.horizon, effects, problem.settings).q - one.q for one in recordings]
     except UserError:
         return math.inf
     return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))

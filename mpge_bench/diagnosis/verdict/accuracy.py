@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
-from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.bullet import predicted
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.verdict.result import Accuracy, Errors, Trajectory
 from mpge_bench.envs.effects import Effect
@@ -26,14 +26,14 @@ def unit_of(problem: Problem) -> str:
 
 
 def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Recording]) -> tuple[Accuracy, tuple[Trajectory, ...]]:
-    """Errors of `simulate` on the `unseen` recordings, before and `after` correction, and stretches of them to look at."""
+    """Errors of `predicted` on the `unseen` recordings, before and `after` correction, and stretches of them to look at."""
     problem = choice.problem
     rig, settings = problem.rig, problem.settings
     errors: dict[str, list[Array]] = {"before": [], "after": []}
     trajectories: list[Trajectory] = []
     for recording in unseen:
         models: dict[str, tuple[Effect, ...]] = {"before": (), "after": choice.chosen.effects}
-        predictions = {name: simulate(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
+        predictions = {name: predicted(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
         for name, one in predictions.items():
             errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq))
         if len(trajectories) < 2 * len(rig.joints):

@@ -37,7 +37,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     others = rivals(choice, lambda effects: error_of(problem, parts.unseen, effects))
     alike, confidence = confusions(choice)
     joints = joint_evidence(problem, after, corrected=bool(chosen.effects))
-    where = places(joints, chosen.effects, settings.verdict)
+    where = places(problem.rig, joints, chosen.effects, settings.verdict)
     named, lost = intervals(chosen), untold(chosen)
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
     lines = summary(problem.rig, verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut)
