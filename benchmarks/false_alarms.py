@@ -4,7 +4,7 @@ Makes recordings of random mechanisms (one to three joints, hinges and slides, r
 noise, feedback on noisy readings) and sensors (noise, encoders, with and without velocities) in PyBullet, half of them at half the rig's physics step, with
 nothing concealed, and diagnoses each.
 
-    python benchmarks/false_alarms.py [--count 100] [--out runs/false_alarms]
+    python benchmarks/false_alarms.py [--count 100] [--first 0] [--out runs/false_alarms]
 
 Prints the verdicts and the p-values' distribution (Kolmogorov-Smirnov against uniform). A case that is there already is not run again. Exit status 1 if more
 than 2 in 100 are reported as a mismatch.
@@ -31,6 +31,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import tested
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
@@ -44,16 +45,18 @@ RECORDINGS, SECONDS, PERIOD, TIMESTEP = 4, 8.0, 0.01, 0.001
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="the first seed: take some that nothing was built on")
     parser.add_argument("--out", type=Path, default=Path("runs/false_alarms"))
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     console = Console()
-    left = [seed for seed in range(arguments.count) if not (arguments.out / f"{seed:03}.json").exists()]
+    seeds = range(arguments.first, arguments.first + arguments.count)
+    left = [seed for seed in seeds if not (arguments.out / f"{seed:03}.json").exists()]
     with ProcessPoolExecutor(arguments.jobs, get_context("spawn")) as pool:
         for _ in track(pool.map(run, left, [arguments.out] * len(left)), "diagnosing", total=len(left), console=console):
             pass
-    rows = [json.loads((arguments.out / f"{seed:03}.json").read_text()) for seed in range(arguments.count)]
+    rows = [json.loads((arguments.out / f"{seed:03}.json").read_text()) for seed in seeds]
     alarms = [row for row in rows if row["verdict"] != "no_mismatch"]
     p_values = [row["p_value"] for row in rows]
     for row in alarms:
@@ -70,7 +73,7 @@ def run(seed: int, out: Path) -> None:
         about = make(seed, Path(folder))
         rig = read_rig(Path(folder) / "rig.yaml")
         recordings = read_recordings(sorted(Path(folder).glob("*.csv")), rig)
-        measured = measurements(rig, recordings)
+        measured = parted(measurements(rig, recordings)).searched
         linear = reference(rig, measured.recordings)
         posed = problem(measured, linear, DEFAULT.predict.horizon)
         p_value = tested(posed, candidates(rig, scales(linear))).screening.p_value

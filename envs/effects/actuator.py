@@ -96,32 +96,6 @@ class Latency(_Late):
 
 
 @dataclass(frozen=True)
-class DeadZone(Effect):
-    """The motor delivers ``sign(command) * max(0, |command| - torque)``."""
-
-    torque: float
-
-    name = "dead_zone"
-    sentence = "The {target}'s motor does not answer commands below {torque}, and answers larger ones by as much less."
-    told_apart = {
-        "coulomb_friction": "let the joint coast with the motor off: friction brakes it, a dead zone does not",
-    }
-    is_curve = True
-    on = "joint"
-    parameters = {"torque": Parameter("N m", 0.0, 1e4)}
-    maps_command = True
-    needs_motor = True
-    place = 20
-
-    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
-        command[joint] = command[joint] - _cut(command[joint], self.torque)
-
-    @classmethod
-    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"torque": share * scale.torque} for share in (0.03, 0.2, 0.6)]
-
-
-@dataclass(frozen=True)
 class TorqueGain(Effect):
     """The motor delivers ``gain * command``: 1 is nominal, 0 is dead (MPGE's broken hopper and broken cheetah)."""
 
@@ -146,12 +120,38 @@ class TorqueGain(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= self.gain
 
-    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
-        return f"The {self.target}'s motor is dead." if self.gain < 0.02 else super().say(intervals)
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        return f"The {self.target}'s motor is dead." if self.gain < 0.02 else super().say(intervals, slide=slide)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"gain": 0.9}]
+
+
+@dataclass(frozen=True)
+class DeadZone(Effect):
+    """The motor delivers ``sign(command) * max(0, |command| - torque)``."""
+
+    torque: float
+
+    name = "dead_zone"
+    sentence = "The {target}'s motor does not answer commands below {torque}, and answers larger ones by as much less."
+    told_apart = {
+        "coulomb_friction": "let the joint coast with the motor off: friction brakes it, a dead zone does not",
+    }
+    is_curve = True
+    on = "joint"
+    parameters = {"torque": Parameter("N m", 0.0, 1e4)}
+    maps_command = True
+    needs_motor = True
+    place = 20
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] = command[joint] - _cut(command[joint], self.torque)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"torque": share * scale.torque} for share in (0.03, 0.2, 0.6)]
 
 
 @dataclass(frozen=True)

@@ -38,13 +38,20 @@ class Parameter:
     step: float = 1e-4
     percent: bool = False
 
-    def told(self, value: float | tuple[float, ...], intervals: Sequence[tuple[float, float]]) -> str:
-        """The value, with its 95% interval and unit, for people; `intervals` holds one for each number."""
+    def unit_of(self, *, slide: bool) -> str:
+        """Its unit at a hinge or, where torques are forces and angles lengths, at a slide."""
+        return self.unit.replace("N m", "N").replace("rad", "m").replace("kg m²", "kg") if slide else self.unit
+
+    def told(self, value: float | tuple[float, ...], intervals: Sequence[tuple[float, float]], *, slide: bool = False) -> str:
+        """The value, with its 95% interval and unit, for people; `intervals` holds one for each number, infinite where nothing tells it."""
         values = value if isinstance(value, tuple) else (value,)
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        unit = "" if self.unit == "1" else f" {self.unit_of(slide=slide)}"
         if len(values) > 1:
-            return "(" + ", ".join(f"{one:.4g}" for one in values) + f"){unit}"
+            texts = [f"{one:.4g}" if math.isfinite(high - low) else "not told" for one, (low, high) in zip(values, intervals, strict=True)]
+            return f"({', '.join(texts)}){unit}"
         low, high = intervals[0]
+        if math.isinf(high - low):
+            return f"{values[0]:.4g}{unit} (not told by these recordings)"
         if self.percent:
             return f"{100 * values[0]:.3g}% ({100 * low:.3g}-{100 * high:.3g}%)"
         return f"{values[0]:.4g}{unit} ({low:.4g} to {high:.4g})"
@@ -231,13 +238,14 @@ class Effect:
         """Whether its torques along a given motion must be worked out one after another, at physics steps of `timestep` s."""
         return self.remembers
 
-    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         """One plain line about it.
 
         Args:
             intervals: 95% interval of each parameter (one for each number of a vector).
+            slide: whether the target is a prismatic joint.
         """
-        words = {name: parameter.told(getattr(self, name), intervals[name]) for name, parameter in self.parameters.items()}
+        words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
         target = self.target.removesuffix("_link")
         if not self.sentence:
             return f"{self.called()} at the {target}: {', '.join(f'{name} {text}' for name, text in words.items())}."

@@ -257,10 +257,11 @@ class UnknownTorque(Effect):
     def goes_by(self) -> str:
         return self.signal
 
-    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         most = max(abs(value) for value in self.torque)
-        signal = {"q": "position", "dq": "speed", "command": "motor's torque"}[self.signal]
-        return f"Something without a name acts on the {self.target}: a torque of up to {most:.3g} N m that depends on its {signal} (curve exported)."
+        signal = {"q": "position", "dq": "speed", "command": "motor's command"}[self.signal]
+        force = f"a force of up to {most:.3g} N" if slide else f"a torque of up to {most:.3g} N m"
+        return f"Something without a name acts on the {self.target}: {force} that depends on its {signal} (curve exported)."
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         signal = {"q": q, "dq": dq, "command": command}[self.signal][joint]

@@ -20,6 +20,7 @@ from mpge_bench.diagnosis.choose.choice import choose
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording, find_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
@@ -88,7 +89,8 @@ def diagnose(
     """
     begun = time.monotonic()
     clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
-    measured = measurements(rig, recordings, settings)
+    parts = parted(measurements(rig, recordings, settings))
+    measured = parts.searched
     simulate(rig, measured.recordings[0], horizon, settings=settings)  # an unstable one is refused before anything is searched
     if progress:
         progress.stage("fitting models", 0)
@@ -97,8 +99,7 @@ def diagnose(
         options = candidates(rig, scales(linear))
         posed = problem(measured, linear, horizon, clock.deadline)
         choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
-        result = conclude(choice, clock)
-    effects = choice.chosen.effects
+        result, effects = conclude(choice, parts, clock)
     return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))
 
 

@@ -38,6 +38,8 @@ class DataSettings:
     velocity_left: float = _setting(0.3, "share of the spread of dq", "and leave little: so does motion too fast for the rows")
     row_period: float = _setting(0.005, "s", "more rows of a slow mechanism cost time and tell nothing new")
     smoothing: float = _setting(0.035, "s", "half the width of the local cubics: shorter than the motion's features, longer than the noise's")
+    unseen: float = _setting(0.25, "share", "of the recordings, or of the time of each, that neither fits nor choices look at")
+    few: int = _setting(3, "recordings", "below which there is none to spare for each of fitting, choosing and judging: they are cut in time")
     encoder_share: float = _setting(0.5, "share of the rows", "an encoder repeats its few values; a fine sensor hardly ever does")
     encoder_percentile: float = _setting(5.0, "percent", "the smallest differences of distinct values are one step; a few are rounding")
 
@@ -47,7 +49,6 @@ class PredictSettings:
     """Of the simulator linearised about the recorded motion, and of its own predictions."""
 
     warm_up: float = _setting(0.4, "s", "hidden states (lags, delays, motor sides) forget where they were within about this")
-    looks_back: float = _setting(0.1, "s", "how far before a window late sensors look")
     shortest_window: int = _setting(5, "rows", "fewer are nothing but their starting state")
     spare_windows: int = _setting(3, "windows", "the start of a recording is only given up to warm-up where this much is left")
     disturbances: tuple[float, ...] = _setting((0.002, 0.02, 0.2), "share of the asked torque", "sizes tried of the unknown torque in a row, by decades")
@@ -59,8 +60,8 @@ class PredictSettings:
     start_velocity: float = _setting(0.3, "share of the speed", "the same for velocities, which may not be measured at all")
     refinements: int = _setting(2, "passes", "of reference and noise, each about the other; a third changes next to nothing")
     outermost: float = _setting(99.0, "percent", "of third differences count in the first estimate of the noise: knocks are no noise")
-    held_third: float = _setting(0.67, "share", "of a single recording that is fitted to; the rest is held out")
-    held_recordings: float = _setting(0.25, "share", "of several recordings that is held out, at least one")
+    held_third: float = _setting(0.67, "share", "of a single recording that is fitted to; models are chosen by the rest")
+    held_recordings: float = _setting(0.25, "share", "of several recordings by which models are chosen, at least one")
     even: float = _setting(0.01, "physics steps", "rows are evenly spaced if none is further off")
     unstable: float = _setting(1e5, "rad/s", "Bullet itself keeps velocities below 1e6")
     horizon: float = _setting(0.5, "s", "how far ahead predictions are judged: long enough to tell small effects, short enough for a linearised error")
@@ -88,10 +89,12 @@ class HypothesisSettings:
 class FitSettings:
     """Of screening and fitting."""
 
-    draws: int = _setting(999, "draws", "of the test for any mismatch at all: p down to 0.001")
-    draws_left: int = _setting(499, "draws", "of the test for what a model leaves over")
+    draws: int = _setting(1000, "draws", "of the test for any mismatch at all: p down to 0.001")
+    draws_left: int = _setting(500, "draws", "of the test for what a model leaves over")
     draws_order: int = _setting(49, "draws", "where only the order of the candidates is wanted")
     told: float = _setting(0.01, "squared standard deviations", "a parameter that moves the prediction by less when it doubles is not told")
+    same: float = _setting(5e-4, "share of a column's length", "derivatives by differences tell two columns that differ by less from none")
+    involved: float = _setting(0.01, "squared share of a direction", "parameters that make up less of an untold direction are told without it")
     evaluations: int = _setting(12, "evaluations", "of the linearised simulator in a fit")
     evaluations_tried: int = _setting(5, "evaluations", "for second and third starts")
     evaluations_polish: int = _setting(6, "evaluations", "before the simulator's own predictions take over")
@@ -149,10 +152,9 @@ class ChooseSettings:
         3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full"
     )
     converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
-    alike: float = _setting(0.995, "cosine", "between what two effects change of the prediction, from which on one may be taken for the other")
-    twins: int = _setting(2, "models", "that may be taken for the chosen one are fitted")
+    apart: float = _setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
+    twins: int = _setting(2, "models", "that may be taken for the chosen one and are plainer are fitted")
     curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
-    spare_time: float = _setting(0.5, "of the time taken", "what must be left for fitting twins")
     mostly: float = _setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
     search_share: float = _setting(0.65, "of the time budget", "after which nothing new is begun, so that what is under way ends within it")
 
@@ -163,7 +165,8 @@ class VerdictSettings:
 
     explained: float = _setting(1.5, "times the noise", "what is left on held-out windows below which named physics explains a mismatch")
     confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
-    undecided: float = _setting(2.0, "squared distances", "a model that misses more by this is not taken for the chosen one, however near its prediction")
+    surely: float = _setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
+    no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
     interval: float = _setting(1.96, "standard errors", "that a 95% interval reaches either way")
     rivals: int = _setting(8, "models", "are listed with their errors")
     ruled_out: float = _setting(5.0, "log evidence", "odds of 150 to 1 against the model")

@@ -90,7 +90,14 @@ PENDULUM = (
 
 
 def write_case(
-    folder: Path, effects: Sequence[Effect] = (), *, recordings: int = 4, noise: float = 5e-4, velocities: bool = True, timestep: float = 0.001
+    folder: Path,
+    effects: Sequence[Effect] = (),
+    *,
+    recordings: int = 4,
+    seconds: float = SECONDS,
+    noise: float = 5e-4,
+    velocities: bool = True,
+    timestep: float = 0.001,
 ) -> Path:
     """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -103,7 +110,7 @@ def write_case(
         parts = [(rng.uniform(0.3, 1.0), rng.uniform(0.3, 2.0), rng.uniform(0, 6)) for _ in range(3)]
         world.set_state([rng.uniform(-0.5, 0.5)], [0.0])
         rows = []
-        for row in range(round(SECONDS / PERIOD)):
+        for row in range(round(seconds / PERIOD)):
             u = sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
             rows.append([row * PERIOD, u, world.q[0] + noise * rng.standard_normal(), world.dq[0] + 10 * noise * rng.standard_normal()])
             world.step([u])

@@ -56,7 +56,8 @@ def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
     assert found.data["verdict"] == "no_mismatch"
     assert found.data["p_value"] >= 0.01
     assert found.data["effects"] == []
-    assert "effects" not in yaml.safe_load((tmp_path / "report" / "corrected.yaml").read_text()) or not found.effects
+    corrected = yaml.safe_load((tmp_path / "report" / "corrected.yaml").read_text())
+    assert corrected == yaml.safe_load(rig.read_text()) | {"robot": "../robot.urdf", "effects": []}
 
 
 def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:

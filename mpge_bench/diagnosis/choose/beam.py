@@ -43,7 +43,7 @@ def grow(trials: Trials, screening: Screening) -> None:
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         near = settings.held if best.held_out < settings.held else settings.half_truth
         beam = [pair for pair in grown[: settings.beam] if pair[0].held_out < near * best.held_out]
-        if trials.late:
+        if trials.cut_short("combining effects"):
             break
         rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
         if rest.p_value >= settings.significance or max(rest.gains.values(), default=0.0) < settings.material:
@@ -57,7 +57,9 @@ def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> lis
     drafts: list[Model] = []
     for place, (model, fitter) in enumerate(beam):
         # Where the best model's next step leads near the noise, those that are far off need not be followed.
-        if depth and (trials.late or min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall):
+        if depth and min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall:
+            break
+        if depth and trials.cut_short("combining effects"):
             break
         looked = screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order) if model.effects else screening
         drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)

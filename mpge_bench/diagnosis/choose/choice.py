@@ -9,7 +9,7 @@ from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.simplest import simplest
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
-from mpge_bench.diagnosis.choose.twins import fit_twins
+from mpge_bench.diagnosis.choose.twins import Twin, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -48,8 +48,9 @@ class Choice:
         nominal, fitter: the model of no effects under that noise, and its fitter.
         chosen: the answer.
         models: all that were fitted to the end, those of no effects among them.
-        p_value: of there being no mismatch.
-        late: whether the time budget ended the search early.
+        test: of there being no mismatch.
+        twins: the answer with other effects in the place of its own, the nearest first.
+        cut: stages that the time budget cut short.
     """
 
     problem: Problem
@@ -58,8 +59,9 @@ class Choice:
     fitter: LinearFitter
     chosen: Model
     models: tuple[Model, ...]
-    p_value: float
-    late: bool
+    test: Screening
+    twins: tuple[Twin, ...]
+    cut: tuple[str, ...]
 
 
 def choose(
@@ -71,7 +73,6 @@ def choose(
     chosen = mismatch.nominal
     if mismatch.screening.p_value < problem.settings.choose.significance:
         grow(trials, mismatch.screening)
-        chosen = with_curves(trials, simplest(trials))
-        fit_twins(trials, chosen)
-    models = tuple(trials.models)
-    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening.p_value, clock.late)
+        chosen = plainest(trials, with_curves(trials, simplest(trials)))
+    models, alike = tuple(trials.models), twins(trials, chosen)
+    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut))

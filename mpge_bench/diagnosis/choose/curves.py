@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_bench.diagnosis.choose.exported import no_worse
 from mpge_bench.diagnosis.choose.score import gain, is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.curves import solved
@@ -21,7 +22,7 @@ def with_curves(trials: Trials, chosen: Model) -> Model:
     problem, settings = trials.problem, trials.settings
     clean = problem.settings.fit.clean
     for _ in problem.rig.joints:
-        if trials.late or (chosen.train < clean and chosen.held_out < clean):
+        if (chosen.train < clean and chosen.held_out < clean) or trials.cut_short("nameless curves"):
             break
         predictor = problem.fitter(chosen.effects).predictor
         present = {(one.target, one.goes_by) for one in chosen.effects if not one.named}
@@ -30,7 +31,7 @@ def with_curves(trials: Trials, chosen: Model) -> Model:
         if share < settings.coarse_material:
             break
         rich = _fitted(trials, chosen.effects, replace(curve, torque=tuple(torques)))
-        if gain(chosen, rich, problem.held_out)[0] < settings.coarse_material or not is_better(problem, chosen, rich):
+        if gain(chosen, rich, problem.held_out)[0] < settings.coarse_material or not is_better(problem, chosen, rich) or not no_worse(problem, rich, chosen):
             break
         chosen = _still_needed(trials, chosen, rich, curve)
     return chosen
@@ -43,7 +44,7 @@ def _still_needed(trials: Trials, named: Model, chosen: Model, curve: UnknownTor
     every = np.ones_like(problem.held_out)
     mostly = gain(trials.nominal, named, every)[0] > settings.mostly * gain(trials.nominal, chosen, every)[0]
     for effect in [one for one in chosen.effects if one.named]:
-        if trials.late:
+        if trials.cut_short("nameless curves"):
             break
         if mostly and (effect.target, effect.goes_by) == (curve.target, curve.signal):
             continue
@@ -64,7 +65,7 @@ def _fitted(trials: Trials, effects: Sequence[Effect], curve: Effect) -> Model:
         trials.add(model)
         if best is not None and model.train > best.train:
             break
-        if trials.late:
+        if trials.cut_short("nameless curves"):
             return model
         best, effects = model, model.effects[:-1]
         curve = replace(curve, torque=tuple(np.array(curve.torque) + solved(problem, model, columns_of(curve, fitter.predictor))[1]))

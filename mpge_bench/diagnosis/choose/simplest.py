@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mpge_bench.diagnosis.choose.exported import no_worse
 from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -14,18 +15,22 @@ from mpge_bench.envs.effects import Effect
 
 
 def simplest(trials: Trials) -> Model:
-    """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is."""
+    """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is.
+
+    None that predicts worse in the simulator as it is exported than the simulator without it.
+    """
     problem = trials.problem
     best = min(trials.models, key=lambda one: one.held_out)
     equal = [one for one in trials.models if not is_better(problem, one, best)]
-    chosen = min(equal, key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
+    equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
+    chosen = next((one for one in equal if no_worse(problem, one, trials.nominal)), trials.nominal)
     return _plainer(trials, _needed(trials, chosen))
 
 
 def _needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
-    while len(chosen.effects) > 1 and not trials.late:
+    while len(chosen.effects) > 1 and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
         fitter, known = problem.fitter(chosen.effects), trials.known()
         for less, _ in trials.polished([effects for effects in fewer if key(effects) not in known and _near(trials, fitter, effects, chosen)]):
@@ -56,7 +61,7 @@ def _plainer(trials: Trials, chosen: Model) -> Model:
             kin = [*others, starts[name, effect.target]]
             plain = trials.known().get(key(kin))
             if plain is None:
-                if trials.late:
+                if trials.cut_short("trying plainer effects"):
                     continue
                 fitter = fitter or problem.fitter(chosen.effects)
                 if not _near(trials, fitter, kin, chosen):

@@ -39,6 +39,7 @@ class Trials:
         problem: with the noise as it is estimated now.
         nominal, fitter: the model of no effects under that noise, and its fitter.
         models: fitted in the simulator so far.
+        cut: stages that the time budget cut short, in their order.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class Trials:
     ) -> None:
         self.candidates, self.workers, self.clock = tuple(candidates), workers, clock
         self._advance = advance
+        self.cut: dict[str, None] = {}
         self.begin(problem, nominal)
 
     def begin(self, problem: Problem, nominal: tuple[Model, LinearFitter]) -> None:
@@ -64,8 +66,10 @@ class Trials:
     def settings(self) -> ChooseSettings:
         return self.problem.settings.choose
 
-    @property
-    def late(self) -> bool:
+    def cut_short(self, stage: str) -> bool:
+        """Whether there is no time left for something more of `stage`, which is then noted as cut short."""
+        if self.clock.late:
+            self.cut[stage] = None
         return self.clock.late
 
     def fitted(self, model: Model) -> Model:
@@ -86,7 +90,10 @@ class Trials:
 
     def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
         """`work(problem, *shared, item)` for each of `items`, side by side; only for the first ones where time is up."""
-        return self.workers.each(work, (self.problem, *shared), items, self.clock.deadline)
+        found = self.workers.each(work, (self.problem, *shared), items, self.clock.deadline)
+        if len(found) < len(items):
+            self.cut["fitting candidates"] = None
+        return found
 
     def polished(self, sets: Sequence[Sequence[Effect]]) -> list[tuple[Model, LinearFitter]]:
         """Each set of effects fitted to the end."""
@@ -99,7 +106,7 @@ class Trials:
         # One far from the noise is but a step on the way, unless it hides how near it could come.
         on_the_way = model.train > settings.on_the_way and not any(effect.remembers for effect in model.effects)
         for _ in range(0 if on_the_way else settings.convergences):
-            if self.late:
+            if self.cut_short("fitting to the end"):
                 break
             if model.train < settings.near:
                 evaluations = 1

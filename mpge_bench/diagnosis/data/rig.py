@@ -104,6 +104,10 @@ class Rig:
         """Where the joints stand in q and dq."""
         return Layout(len(self.joints))
 
+    def is_slide(self, target: str) -> bool:
+        """Whether `target` of an effect is a prismatic joint."""
+        return target in self.joints and self.model.is_prismatic(target)
+
     def units(self, joint: str) -> Units:
         """What is measured at `joint`."""
         return Units("N", "m", "m/s") if self.model.is_prismatic(joint) else Units("N m", "rad", "rad/s")

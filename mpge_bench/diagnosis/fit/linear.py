@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from mpge_bench.diagnosis.fit.told import directions
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.nuisances import Nuisances
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
@@ -111,15 +112,16 @@ class LinearFitter:
         return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** self.settings.robustness)[:, None]
 
     def standard_errors(self, fit: Fit) -> Array:
-        """Of the parameters, shape (parameters,); windows are the independent pieces of evidence (sandwich estimator)."""
+        """Of the parameters, shape (parameters,); windows are the independent pieces of evidence (sandwich estimator). Infinite where they are not told."""
         if not fit.size:
             return np.zeros(0)
         weights = self.weights(fit.cost)
         jacobian, residuals = (fit.jacobian * weights)[:, self.train], (fit.residuals * weights)[self.train]
         scores = np.einsum("pwk,wk->pw", jacobian, residuals)
-        flat = jacobian.reshape(fit.size, -1)
-        inverse = np.linalg.pinv(flat @ flat.T, rcond=1e-10)
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(inverse @ (scores @ scores.T) @ inverse), 0.0)))
+        found = directions(jacobian.reshape(fit.size, -1), sizes_of(fit.effects), self.settings)
+        errors = np.sqrt(((found.inverse() @ scores) ** 2).sum(1))
+        errors[[index for group in found.groups() for index in group]] = np.inf
+        return np.asarray(errors)
 
     def clear(self, values: Array) -> Array:
         """`values` (..., windows, rows * channels) without their part along the free nuisances."""

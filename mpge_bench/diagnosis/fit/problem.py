@@ -14,6 +14,7 @@ from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.fit.told import directions
 from mpge_bench.diagnosis.hypotheses.candidates import key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
@@ -22,7 +23,7 @@ from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
-from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, values_of
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, sizes_of
 
 Array = npt.NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class Problem:
     Attributes:
         linear: without effects.
         windows: in which predictions are judged.
-        held_out: which of them are kept from fitting, shape (windows,).
+        held_out: which of them are kept from fitting, and choose between models, shape (windows,).
         sigma: the noise as it is estimated now, shape (2 joints,).
         horizon: how far ahead predictions are judged, s.
         deadline: s of the monotonic clock, which all processes share, after which fits end as soon as they have an answer.
@@ -102,10 +103,11 @@ class Model:
 
     Attributes:
         fit: effects and what they leave.
-        train, held_out, overall: `LinearFitter.chi_square` of the train, the held-out and all windows.
+        train, held_out, overall: `LinearFitter.chi_square` of the windows for fitting, of those for choosing, and of all.
         typical: median over all windows.
         parameters: how many directions of its parameters the recordings tell.
-        standard_errors: of the parameters, shape (parameters,).
+        untold: its parameters that the recordings do not tell, by their indices; those that are told only together are one group.
+        standard_errors: of the parameters, shape (parameters,); infinite of those that are not told.
         interval: how many standard errors a 95% interval is wide, either way.
     """
 
@@ -115,6 +117,7 @@ class Model:
     overall: float
     typical: float
     parameters: int
+    untold: tuple[tuple[int, ...], ...]
     standard_errors: Array
     interval: float
 
@@ -141,9 +144,8 @@ class Model:
 def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
     """How well `fit` predicts."""
     cost = fit.cost
-    size = np.abs(values_of(fit.effects))
-    columns = fit.jacobian.reshape(fit.size, fit.residuals.size) * np.where(size > 0, size, 1.0)[:, None]
-    strength = np.linalg.svd(columns @ columns.T, compute_uv=False) if fit.size else np.zeros(0)
+    columns, size = fit.jacobian.reshape(fit.size, fit.residuals.size), sizes_of(fit.effects)
+    strength = np.linalg.eigvalsh(columns @ columns.T * np.outer(size, size))
     return Model(
         fit,
         train=fitter.chi_square(cost),
@@ -151,6 +153,7 @@ def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
         overall=fitter.chi_square(cost, slice(None)),
         typical=float(np.median(cost / fitter.count)),
         parameters=int((strength > problem.settings.fit.told).sum()),
+        untold=directions(columns, size, problem.settings.fit).groups(),
         standard_errors=fitter.standard_errors(fit),
         interval=problem.settings.verdict.interval,
     )

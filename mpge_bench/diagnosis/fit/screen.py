@@ -20,12 +20,16 @@ class Screening:
     """What that look tells.
 
     Attributes:
-        p_value: probability that the largest of all gains is as large by chance.
+        p_value: probability that the largest of all gains is as large by chance; an upper bound where it `is_bound`.
+        is_bound: whether none of the drawn signs gave as large a one, so that more draws could only have lowered it.
+        least: what p could have come down to with as many windows, had all possible signs been tried.
         gains: by what share the sum of squares falls, at most, to first order, by candidate; windows that miss much more than others count less. Of a bent
             candidate, the fall of the `LinearFitter.chi_square` from one of its starts if that is more.
     """
 
     p_value: float
+    is_bound: bool
+    least: float
     gains: dict[Candidate, float]
 
 
@@ -72,17 +76,16 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
 
     Each candidate's gain is that of a linear regression of the residual on its columns. The test's statistic is the largest of all candidates' gains, each
     turned into a probability; its distribution under no effect comes from giving every window's residual a random sign (wild bootstrap), which keeps whatever
-    the noise is like within a window.
+    the noise is like within a window. Where there are no more patterns of signs than draws, each is tried once and p is exact.
 
     Args:
         extra: columns of further, nameless candidates (curves), each of shape (columns, windows, rows * channels).
-        draws: of the wild bootstrap.
+        draws: of the wild bootstrap, at most.
     """
     residual = _Residual(fitter, model)
-    draws = draws or fitter.settings.draws
-    flips = np.random.default_rng(0).choice([-1.0, 1.0], (draws, residual.values.shape[0]))
+    flips, exact = _signs(residual.values.shape[0], draws or fitter.settings.draws)
     gains = {}
-    top, top_drawn = 0.0, np.zeros(draws)
+    top, top_drawn = 0.0, np.zeros(len(flips))
     options: list[Candidate | Array] = [*chosen, *extra]
     for candidate in options:
         columns = fitter.columns(candidate, model.effects) if isinstance(candidate, Candidate) else candidate
@@ -101,11 +104,14 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
                 # What acts on few windows only, as a limit that is seldom reached, shows in these.
                 least = min(fitter.chi_square(((model.residuals - column) ** 2).sum(-1)) for column in columns)
                 gains[candidate] = max(gains[candidate], 1 - least / fitter.chi_square(model.cost))
-    return Screening(_p_value(top, top_drawn), gains)
+    # The recordings' own signs are one of all patterns, and are counted beside drawn ones (Phipson and Smyth 2010).
+    exceeding = int((top_drawn >= top * (1 - 1e-9)).sum()) + (not exact)
+    return Screening(exceeding / (len(flips) + (not exact)), not exact and exceeding == 1, float(2.0 ** (1 - flips.shape[1])), gains)
 
 
-def _p_value(top: float, drawn: Array) -> float:
-    """Probability of a maximum as large as `top`, by the `drawn` ones; beyond them maxima fall off as 10^-score."""
-    exceeding = int((drawn >= top).sum())
-    p_value = (1 + exceeding) / (1 + len(drawn))
-    return p_value if exceeding else min(p_value, float(10 ** -(top - np.quantile(drawn, 0.5)) * 0.5))
+def _signs(windows: int, draws: int) -> tuple[Array, bool]:
+    """Signs of windows, shape (patterns, windows), and whether they are all that there are; a pattern and its opposite are one, as gains are squares."""
+    if 2 ** (windows - 1) <= draws:
+        bits = np.arange(2 ** (windows - 1))[:, None] >> np.arange(windows) & 1
+        return np.asarray(1.0 - 2.0 * bits, np.float64), True
+    return np.random.default_rng(0).choice([-1.0, 1.0], (draws, windows)), False

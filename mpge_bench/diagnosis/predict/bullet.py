@@ -156,13 +156,18 @@ def stretches(recording: Recording, horizon: float) -> Iterator[tuple[int, int]]
 
 
 def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> Recording:
+    """`predicted`, from velocities as far as this recording alone says that they can be trusted."""
+    (recording,), _ = trusted([recording], rig, settings.data)
+    return predicted(rig, recording, horizon, effects, settings)
+
+
+def predicted(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> Recording:
     """The recording as `rig` with `effects` predicts it, restarted from the recorded state every `horizon` seconds.
 
     Raises:
         UserError: if the simulation becomes unstable.
     """
     predictor = BulletPredictor(rig, effects, settings)
-    (recording,), _ = trusted([recording], rig, settings.data)
     q, dq, _ = differentiate(recording, settings.data)
     starts = predictor.start(recording, (q, dq))
     smooth = predictor.start(replace(recording, q=q, dq=dq), (q, dq))

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.data.checks import trusted
 from mpge_bench.diagnosis.data.motion import differentiate
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
@@ -161,13 +160,12 @@ class SimulatedWindows:
 
 
 def error_at_once(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect], settings: DiagnosisSettings = DEFAULT) -> Array:
-    """What `simulate` misses of the recorded positions, shape (rows, joints), all its stretches at once.
+    """What `predicted` misses of the recorded positions, shape (rows, joints), all its stretches at once.
 
     Raises:
         UserError: if the simulation becomes unstable.
     """
     predictor = BulletPredictor(rig, effects, settings)
-    (recording,), _ = trusted([recording], rig, settings.data)
     q, dq, _ = differentiate(recording, settings.data)
     starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
     missed = np.zeros_like(recording.q)

@@ -81,7 +81,7 @@ def unsense(motion: Motion, effects: Sequence[Effect], rig: Rig) -> Array:
                 time = motion.time[r, :rows]
                 for channel in (joint, layout.nq + joint):
                     later = time + effect.looks_back
-                    result[r, :rows, channel] = np.where(later <= time[-1], np.interp(later, time, motion.measured[r, :rows, channel]), np.nan)
+                    result[r, :rows, channel] = np.where(later <= time[-1], np.interp(later, time, result[r, :rows, channel]), np.nan)
     return result
 
 

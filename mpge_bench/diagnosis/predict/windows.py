@@ -31,7 +31,7 @@ class Windows:
 
 
 def windows_of(motion: Motion, horizon: float) -> Windows:
-    """Windows of `horizon` s one after another, as many as there are in full.
+    """Windows of `horizon` s one after another, as many as there are in full. No row is in two: its noise would make them alike, and chance look like more.
 
     The first begins some way into the recording, where that is long enough: what hidden states were at its start nobody knows.
     """
@@ -40,13 +40,13 @@ def windows_of(motion: Motion, horizon: float) -> Windows:
     length = int(max(settings.shortest_window, min(round(horizon / period), motion.rows.min() - 1)))
     skipped = round(settings.warm_up / period)
     first = skipped if motion.rows.min() > skipped + settings.spare_windows * length else 0
-    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length)]
+    pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length + 1)]
     recording, start = np.array(pairs).T
     return Windows(recording, start, length)
 
 
 def held_out_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_]:
-    """Which windows are kept from fitting, shape (windows,): those of the last recordings, of a single one its end."""
+    """Which windows are kept from fitting, for choosing, shape (windows,): those of the last recordings, of a single one its end."""
     settings = motion.settings.predict
     count = len(motion.rows)
     if count > 1:
@@ -109,11 +109,6 @@ class WindowPredictor:
     def _warm(self) -> int:
         """Rows before the window on which hidden states are warmed up."""
         return max(1, round(self.settings.warm_up / self.linear.motion.period))
-
-    @property
-    def _back(self) -> int:
-        """Rows before the window that late sensors look back to."""
-        return max(1, round(self.settings.looks_back / self.linear.motion.period))
 
     def _with_warm_up(self) -> tuple[Array, Array, Array]:
         """u, q and dq at the physics steps of the warm-up and the window; before the recording nothing moves."""
@@ -235,10 +230,11 @@ class WindowPredictor:
             return np.zeros_like(self.state)
         motion, layout = self.linear.motion, self.linear.motion.layout
         # Sensors may look back beyond the window's start.
-        rows = self.windows.start[:, None] + np.arange(-self._back, self.windows.length + 1)
+        back = int(np.ceil(sum(effect.looks_back or 0.0 for effect in sensors) / motion.period)) + 1
+        rows = self.windows.start[:, None] + np.arange(-back, self.windows.length + 1)
         state = motion.state[self.windows.recording[:, None], np.maximum(rows, 0)]
-        state[:, self._back :] = self.state
+        state[:, back:] = self.state
         q, dq = layout.q(state).copy(), layout.dq(state).copy()
         for effect in sensors:
             effect.sense(q, dq, self.linear.rig.joints.index(effect.target), motion.period)
-        return np.asarray(layout.state(q, dq) - state)[:, self._back :]
+        return np.asarray(layout.state(q, dq) - state)[:, back:]

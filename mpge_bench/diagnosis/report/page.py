@@ -29,6 +29,7 @@ ROWS, JOINTS, TRAJECTORIES, SHOWN = 12, 12, 12, 3
 
 _VERDICTS = {
     "no_mismatch": ("No mismatch found", "The recordings look like the simulator, within the noise."),
+    "too_little_data": ("Too little data", "These recordings are too short to tell a mismatch from chance."),
     "explained": ("Mismatch explained", "The effects below account for what the simulator got wrong."),
     "partly_explained": ("Mismatch partly explained", "The effects below account for a part of it; something remains."),
     "unexplained": ("Mismatch not explained", "Something differs, and no effect of the catalogue accounts for it."),
@@ -61,9 +62,11 @@ def report_html(result: DiagnosisResult) -> str:
         title=heading,
         gist=gist,
         summary=result.summary,
-        p_value="< 10⁻³⁰⁰" if result.p_value == 0 else f"= {number(result.p_value, 3)}",
+        p_value=f"< {number(result.p_value, 1)}" if result.p_is_bound else f"= {number(result.p_value, 3)}",
+        mismatch=result.verdict not in ("no_mismatch", "too_little_data"),
         fit=fit_of(result.fit),
         effects=effects,
+        untold=result.untold,
         where=where_lines(result.where),
         joints=joints_table(joints, corrected),
         shown=[plots for shown, plots in drawn if shown],

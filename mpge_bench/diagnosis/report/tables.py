@@ -22,6 +22,9 @@ Array = npt.NDArray[np.float64]
 #: Name, value, low, high and unit.
 Line = tuple[str, str, str, str, str]
 
+#: In the place of an interval that is infinite.
+NOT_TOLD = "not told"
+
 
 @dataclass(frozen=True)
 class Table:
@@ -96,19 +99,28 @@ def effects_table(effects: Sequence[FoundEffect]) -> list[dict[str, Any]]:
 def _parameter_lines(name: str, one: Estimate) -> list[Line]:
     """A line for each number of a vector, and one for all of a curve."""
     unit = unit_text(one.unit)
+
+    def line(name: str, value: float, low: Any, high: Any) -> Line:
+        untold = all(isinstance(end, float) and math.isinf(end) for end in (low, high))
+        return (name, number(value), NOT_TOLD, "", unit) if untold else (name, *estimate(value, low, high), unit)
+
     if not isinstance(one.value, tuple):
-        return [(name, *estimate(one.value, one.low, one.high), unit)]
+        return [line(name, one.value, one.low, one.high)] if one.value is not None else [(name, "–", "–", "–", unit)]
     count = len(one.value)
     if count > 3:
         ends = finite_values(one.value)
         return [(name, f"{count} points" + (f", {number(ends.min(), 3)} to {number(ends.max(), 3)}" if len(ends) else ""), "", "", unit)]
     rows = zip("xyz", one.value, listed(one.low, count), listed(one.high, count), strict=False)
-    return [(f"{name} {axis}", *estimate(*numbers), unit) for axis, *numbers in rows]
+    return [line(f"{name} {axis}", *numbers) for axis, *numbers in rows]
 
 
 def values_text(lines: Iterable[Line]) -> str:
     """Fitted parameters behind a colon; nothing for a curve, which a plot shows better."""
-    texts = [f"{name} {value} {unit}".rstrip() + (f" ({low} to {high})" if low != "–" else "") for name, value, low, high, unit in lines if low or high]
+    texts = [
+        f"{name} {value} {unit}".rstrip() + (f" ({low} to {high})" if high and low != "–" else f" ({low})" if low == NOT_TOLD else "")
+        for name, value, low, high, unit in lines
+        if low or high
+    ]
     return f": {', '.join(texts)}" if texts else ""
 
 

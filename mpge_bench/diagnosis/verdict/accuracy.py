@@ -11,32 +11,12 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
-from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.predict.bullet import predicted
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
-from mpge_bench.diagnosis.predict.simulated import error_at_once
 from mpge_bench.diagnosis.verdict.result import Accuracy, Errors, Trajectory
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
-
-
-def held_recordings(problem: Problem) -> list[int]:
-    """Which recordings are held out, wholly or in part."""
-    return sorted(set(problem.windows.recording[problem.held_out].tolist()))
-
-
-def held_parts(problem: Problem) -> list[Recording]:
-    """The held-out recordings; of a single one its held-out end."""
-    if len(problem.recordings) > 1:
-        return [problem.recordings[r] for r in held_recordings(problem)]
-    first = int(problem.windows.start[problem.held_out].min()) * problem.linear.motion.stride
-    return [problem.recordings[r].rows(slice(first, None)) for r in held_recordings(problem)]
-
-
-def error_of(problem: Problem, parts: Sequence[Recording], effects: tuple[Effect, ...]) -> float:
-    """Root mean square error of all positions in `parts`, predicted with `effects`."""
-    missed = [error_at_once(problem.rig, one, problem.horizon, effects, problem.settings) for one in parts]
-    return float(np.sqrt(np.mean([np.mean(one**2, axis=0) for one in missed])))
 
 
 def unit_of(problem: Problem) -> str:
@@ -45,15 +25,15 @@ def unit_of(problem: Problem) -> str:
     return units.pop() if len(units) == 1 else "rad, m"
 
 
-def accuracy(choice: Choice, after: LinearisedSimulator, parts: Sequence[Recording]) -> tuple[Accuracy, tuple[Trajectory, ...]]:
-    """Errors of `simulate` on the held-out `parts`, before and `after` correction, and stretches of them to look at."""
+def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Recording]) -> tuple[Accuracy, tuple[Trajectory, ...]]:
+    """Errors of `predicted` on the `unseen` recordings, before and `after` correction, and stretches of them to look at."""
     problem = choice.problem
     rig, settings = problem.rig, problem.settings
     errors: dict[str, list[Array]] = {"before": [], "after": []}
     trajectories: list[Trajectory] = []
-    for recording in parts:
+    for recording in unseen:
         models: dict[str, tuple[Effect, ...]] = {"before": (), "after": choice.chosen.effects}
-        predictions = {name: simulate(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
+        predictions = {name: predicted(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
         for name, one in predictions.items():
             errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq))
         if len(trajectories) < 2 * len(rig.joints):

@@ -3,57 +3,83 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.exported import error_of
 from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.data.parts import Parts
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.hypotheses.candidates import label
 from mpge_bench.diagnosis.predict.smooth import rebase
-from mpge_bench.diagnosis.verdict.accuracy import accuracy, error_of, held_parts, held_recordings
+from mpge_bench.diagnosis.verdict.accuracy import accuracy
 from mpge_bench.diagnosis.verdict.confusions import confusions, rivals
 from mpge_bench.diagnosis.verdict.detectable import detectable
-from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals
+from mpge_bench.diagnosis.verdict.enough import more_data
+from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult, Evidence
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
-from mpge_bench.diagnosis.verdict.words import checks, summary
-from mpge_bench.envs.effects import UnknownTorque
+from mpge_bench.diagnosis.verdict.words import chance, checks, summary
+from mpge_bench.envs.effects import Effect, UnknownTorque
 
 
-def conclude(choice: Choice, clock: Clock) -> DiagnosisResult:
-    """The verdict on `choice`, with all that it rests on."""
+def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResult, tuple[Effect, ...]]:
+    """The verdict on `choice`, with all that it rests on, and the effects that are reported."""
+    choice, taken_back = proven(choice, parts.unseen)
     problem, chosen = choice.problem, choice.chosen
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
     verdict = verdict_of(choice)
-    parts = held_parts(problem)
-    fit, trajectories = accuracy(choice, after, parts)
-    others = rivals(choice, lambda effects: error_of(problem, parts, effects))
+    mismatch = verdict not in ("no_mismatch", "too_little_data")
+    more = more_data(choice) if verdict == "too_little_data" else None
+    fit, trajectories = accuracy(choice, after, parts.unseen)
+    others = rivals(choice, lambda effects: error_of(problem, parts.unseen, effects))
     alike, confidence = confusions(choice)
     joints = joint_evidence(problem, after, corrected=bool(chosen.effects))
-    where = places(joints, chosen.effects, settings.verdict)
-    named = intervals(chosen)
+    where = places(problem.rig, joints, chosen.effects, settings.verdict)
+    named, lost = intervals(chosen), untold(chosen)
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
-    return DiagnosisResult(
+    lines = summary(problem.rig, verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut)
+    result = DiagnosisResult(
         verdict,
-        choice.p_value,
-        where if verdict != "no_mismatch" else (),
+        choice.test.p_value,
+        where if mismatch else (),
         found_effects(problem.rig, named, curves, confidence),
         others,
         alike,
         fit,
-        not choice.late,
-        summary(verdict, choice.p_value, named, curves, fit, others, where, settings.verdict, late=choice.late),
+        not choice.cut,
+        (*lines, *taken_back),
         detectable(choice),
         checks(problem),
-        _about(choice, clock),
+        _about(choice, parts, clock),
         settings,
         Evidence(joints, laws(problem, chosen.effects), trajectories),
+        p_is_bound=choice.test.is_bound,
+        untold=lost,
+        more_data=more,
     )
+    return result, chosen.effects
+
+
+def proven(choice: Choice, unseen: Sequence[Recording]) -> tuple[Choice, tuple[str, ...]]:
+    """`choice`, its answer taken back where it predicts what nobody has looked at worse than the simulator without it; and a line that says so."""
+    problem, effects = choice.problem, choice.chosen.effects
+    before, after = error_of(problem, unseen, ()), error_of(problem, unseen, effects)
+    if after <= before:
+        return choice, ()
+    line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({after:.3g} against {before:.3g}), and is not reported."
+    return replace(choice, chosen=choice.nominal), (line,)
 
 
 def verdict_of(choice: Choice) -> str:
-    """Whether there is a mismatch, and whether named physics explains it."""
+    """Whether there is a mismatch, as far as so many recordings can tell, and whether named physics explains it."""
     settings, chosen = choice.problem.settings, choice.chosen
-    if choice.p_value >= settings.choose.significance:
-        return "no_mismatch"
+    if choice.test.p_value >= settings.choose.significance:
+        # A test that could not have told a mismatch, or what is missed all the same, says nothing of there being none.
+        told = choice.test.least < settings.choose.significance and choice.nominal.overall < settings.verdict.explained
+        return "no_mismatch" if told else "too_little_data"
     if not chosen.effects and chosen.overall < settings.verdict.explained:
         # Significant perhaps, but no model predicts held-out recordings any better, and what is missed is about the noise.
         return "no_mismatch"
@@ -63,12 +89,16 @@ def verdict_of(choice: Choice) -> str:
     return "explained" if all_named and chosen.typical < settings.verdict.explained else "partly_explained"
 
 
-def _about(choice: Choice, clock: Clock) -> dict[str, str]:
-    problem, held = choice.problem, held_recordings(choice.problem)
+def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
+    problem = choice.problem
+    chosen_by = set(problem.windows.recording[problem.held_out].tolist())
+    names = [one.path.name for one in problem.recordings]
+    cut = "" if parts.whole else f"the last {100 * problem.settings.data.unseen:.0f}% of "
     return {
         "horizon": f"{problem.horizon:g} s",
-        "held out": ", ".join(problem.recordings[r].path.name for r in held),
-        "trained on": ", ".join(one.path.name for r, one in enumerate(problem.recordings) if r not in held) or "first two thirds",
-        "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (", stopped by the time budget" if choice.late else ""),
+        "held out": cut + ", ".join(one.path.name for one in parts.unseen),
+        "fitted to": ", ".join(name for r, name in enumerate(names) if r not in chosen_by) or f"the first two thirds of the rest of {names[0]}",
+        "chosen by": ", ".join(name for r, name in enumerate(names) if r in chosen_by) if len(names) > 1 else f"the last third of the rest of {names[0]}",
+        "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (", cut short by the time budget: " + ", ".join(choice.cut) if choice.cut else ""),
         "models fitted": str(len(choice.models)),
     }

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.hypotheses.candidates import label
+from mpge_bench.diagnosis.hypotheses.candidates import key, label
 from mpge_bench.diagnosis.verdict.result import Confusion, Rival
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
@@ -27,11 +25,13 @@ def rivals(choice: Choice, error_of: Callable[[tuple[Effect, ...]], float]) -> t
     for one in sorted([choice.nominal, *choice.models], key=lambda one: one.held_out):
         if one.key != chosen.key and one.fit.residuals.shape == chosen.fit.residuals.shape:
             found.setdefault(one.key, one)
-    result = []
+    result, least = [], error_of(chosen.effects)
     for one in list(found.values())[: choice.problem.settings.verdict.rivals]:
         behind = float((one.fit.cost - chosen.fit.cost)[held].sum()) / 2 / max(1.0, chosen.held_out)
         values = "; ".join(", ".join(f"{value:.4g}" for value in parameters_of(effect)) for effect in one.effects)
-        result.append(Rival(tuple(label(one.effects).split(" + ")), error_of(one.effects), behind, values))
+        error = error_of(one.effects)
+        # What predicts unseen recordings as well is not ruled out by others.
+        result.append(Rival(tuple(label(one.effects).split(" + ")), error, behind if error > least else min(behind, 0.0), values))
     return tuple(result)
 
 
@@ -42,20 +42,11 @@ def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float]:
     ratio data of one are then taken for the other with probability Phi(-D / 2).
     """
     settings, chosen = choice.problem.settings.verdict, choice.chosen
-    scale = max(1.0, chosen.train)
     sure, found = 1.0, []
-    seen = {chosen.key}
-    for one in sorted(choice.models, key=lambda one: one.held_out):
-        nested = one.key > chosen.key or one.key < chosen.key
-        if one.key in seen or not one.effects or nested or one.fit.residuals.shape != chosen.fit.residuals.shape:
-            continue
-        seen.add(one.key)
-        apart = float(np.sqrt(((one.fit.residuals - chosen.fit.residuals) ** 2).sum() / scale))
-        behind = float((one.fit.cost - chosen.fit.cost).sum()) / scale
-        mistaken = float(stats.norm.cdf(-apart / 2)) if behind < settings.undecided * apart**2 else 0.0
-        if mistaken >= settings.confused or not is_better(choice.problem, one, chosen):
-            mistaken = max(mistaken, settings.confused)
-            found.append(Confusion((label(chosen.effects), label(one.effects)), experiment(chosen.key, one.key)))
+    for twin in choice.twins:
+        mistaken = float(stats.norm.cdf(-twin.distance / 2))
+        if mistaken >= settings.confused:
+            found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
         sure *= 1 - mistaken
     return tuple(found), round(sure, 3)
 

@@ -3,32 +3,54 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.verdict.result import Detectable
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
 
 
 def detectable(choice: Choice) -> tuple[Detectable, ...]:
     """Size at which each effect would have been reported: significant among all candidates, and material."""
     fitter, settings, chosen = choice.fitter, choice.problem.settings.choose, choice.chosen
     scale = float(np.mean(fitter.residual**2))
-    significant = float(stats.chi2.isf(settings.significance / len(choice.candidates), 1))
+    beyond = choice.problem.settings.verdict.surely
+    significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
     needed = max(significant, settings.material * float(fitter.count.sum())) * max(scale, 1e-9)
     found = []
     for candidate in choice.candidates:
         name, parameter = next(iter(candidate.kind.parameters.items()))
         if not math.isfinite(parameter.neutral) or parameter.size != 1 or candidate.label in chosen.key:
             continue
-        columns = fitter.clear(fitter.columns(candidate, chosen.effects))
-        strength = (columns**2).sum((1, 2))
-        sizes = [
-            abs(float(getattr(start, name)) - parameter.neutral) * math.sqrt(needed / power)
-            for start, power in zip(candidate.starts, strength, strict=True)
-            if power > 0
-        ]
+        shares = [_share(fitter, column, chosen.effects, needed) for column in fitter.columns(candidate, chosen.effects)]
+        sizes = [abs(float(getattr(start, name)) - parameter.neutral) * share for start, share in zip(candidate.starts, shares, strict=True)]
+        sizes = [size for size in sizes if size <= parameter.high - parameter.neutral]
+        slide = choice.problem.rig.is_slide(candidate.target)
         if sizes:
-            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit))
+            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))
     return tuple(found)
+
+
+def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], needed: float) -> float:
+    """How many times a change of the prediction by `column` leaves a sum of squares `needed` when nuisances, within their limits, are forgiven; or infinity."""
+    power = float((column**2).sum())
+    if power <= 0:
+        return math.inf
+
+    def enough(share: float) -> bool:
+        return float((fitter.nuisances.forgive(share * column, effects)[0] ** 2).sum()) >= needed
+
+    low = math.sqrt(needed / power)
+    high = next((low * 2.0**doubled for doubled in range(12) if enough(low * 2.0**doubled)), math.inf)
+    # To within a tenth.
+    while low * 1.1 < high < math.inf:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from mpge_bench.diagnosis.data.rig import Rig
@@ -14,7 +15,10 @@ Intervals = dict[str, list[tuple[float, float]]]
 
 
 def intervals(model: Model) -> list[tuple[Effect, Intervals]]:
-    """The effects of `model` that have a name, each with the 95% interval of each number of its parameters, within their bounds."""
+    """The effects of `model` that have a name, each with the 95% interval of each number of its parameters.
+
+    They are within the parameters' bounds, but infinite where the recordings do not tell.
+    """
     result: list[tuple[Effect, Intervals]] = []
     at = 0
     for effect in [one for one in model.effects if one.named]:
@@ -23,12 +27,23 @@ def intervals(model: Model) -> list[tuple[Effect, Intervals]]:
             value = getattr(effect, name)
             pairs = []
             for one in value if isinstance(value, tuple) else (value,):
-                half = model.interval * model.standard_errors[at]
-                pairs.append((max(parameter.low, one - half), min(parameter.high, one + half)))
+                half = float(model.interval * model.standard_errors[at])
+                low, high = (max(parameter.low, one - half), min(parameter.high, one + half)) if math.isfinite(half) else (-math.inf, math.inf)
+                pairs.append((low, high))
                 at += 1
             found[name] = pairs
         result.append((effect, found))
     return result
+
+
+def untold(model: Model) -> tuple[tuple[str, ...], ...]:
+    """Names of the parameters of `model` that the recordings do not tell; those that are told only together are one group."""
+    names = []
+    for effect in [one for one in model.effects if one.named]:
+        for name in effect.parameters:
+            many = [f"{name} {axis}" for axis in "xyz"] if isinstance(getattr(effect, name), tuple) else [name]
+            names += [f"{one} of {effect.name}:{effect.target}" for one in many]
+    return tuple(tuple(names[index] for index in group) for group in model.untold)
 
 
 def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float) -> tuple[FoundEffect, ...]:
@@ -39,11 +54,11 @@ def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: S
         for name, parameter in effect.parameters.items():
             value, many = getattr(effect, name), bounds[name]
             low, high = (tuple(pair[side] for pair in many) if isinstance(value, tuple) else many[0][side] for side in (0, 1))
-            parameters[name] = Estimate(value, parameter.unit, low, high)
+            parameters[name] = Estimate(value, parameter.unit_of(slide=rig.is_slide(effect.target)), low, high)
         found.append(FoundEffect(effect.name, effect.target, confidence, parameters))
     for curve in curves:
         units = rig.units(curve.target)
         signal = {"command": units.force, "q": units.position, "dq": units.velocity}[curve.signal]
-        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, curve.parameters["torque"].unit)}
+        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, units.force)}
         found.append(FoundEffect(curve.name, curve.target, confidence, parameters, (curve.signal,)))
     return tuple(found)

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Value = float | tuple[float, ...] | None
 
 SCHEMA = "mpge_bench/diagnosis/1"
-VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
+VERDICTS = ("no_mismatch", "too_little_data", "explained", "partly_explained", "unexplained")
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,15 @@ class Detectable:
 
 
 @dataclass(frozen=True)
+class MoreData:
+    """What it takes to tell whether there is a mismatch: windows there are, windows needed, and how much longer the recordings would be, s."""
+
+    windows: int
+    needed: int
+    seconds: float
+
+
+@dataclass(frozen=True)
 class JointEvidence:
     """Force that the simulator lacks at one joint, row by row of all recordings, thinned out to a few thousand rows.
 
@@ -192,6 +201,9 @@ class DiagnosisResult:
         about: horizon, recordings used for training and held out, seconds taken, for people.
         settings: every threshold that was used.
         evidence: not in the file.
+        p_is_bound: whether p is below `p_value`, which is the smallest that was looked for.
+        untold: parameters that the recordings do not tell; those of one group are told only together.
+        more_data: needed, where there is too little.
     """
 
     verdict: str
@@ -208,6 +220,9 @@ class DiagnosisResult:
     about: Mapping[str, str] = field(default_factory=dict)
     settings: DiagnosisSettings = DEFAULT
     evidence: Evidence = Evidence()
+    p_is_bound: bool = False
+    untold: tuple[tuple[str, ...], ...] = ()
+    more_data: MoreData | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Plain data as diagnosis.json holds them: infinities and NaN are null."""
@@ -216,6 +231,9 @@ class DiagnosisResult:
             "schema": SCHEMA,
             "verdict": self.verdict,
             "p_value": self.p_value,
+            "p_is_bound": self.p_is_bound,
+            "untold": self.untold,
+            "more_data": self.more_data and vars(self.more_data),
             "where": [vars(one) for one in self.where],
             "effects": [_effect_to_json(one) for one in self.effects],
             "alternatives": [vars(one) for one in self.alternatives],
@@ -259,6 +277,9 @@ class DiagnosisResult:
             about=data.get("about") or {},
             settings=DiagnosisSettings.from_dict(data.get("settings") or {}),
             evidence=evidence,
+            p_is_bound=data.get("p_is_bound", False),
+            untold=tuple(tuple(group) for group in data.get("untold") or ()),
+            more_data=MoreData(**more) if (more := data.get("more_data")) else None,
         )
 
 
@@ -273,7 +294,7 @@ def _effect_to_json(one: FoundEffect) -> dict[str, Any]:
 
 def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
     parameters = {
-        name: Estimate(_value(one.get("value")), one.get("unit") or "", _value(one.get("low")), _value(one.get("high")))
+        name: Estimate(_value(one.get("value")), one.get("unit") or "", _bound(one, "low", -math.inf), _bound(one, "high", math.inf))
         for name, one in data["parameters"].items()
     }
     return FoundEffect(data["effect"], data["target"], data.get("confidence"), parameters, tuple(data.get("depends_on") or ()))
@@ -285,6 +306,14 @@ def _fit_from_json(data: Mapping[str, Any]) -> Accuracy:
 
     channels = {name: errors(one, one.get("unit") or "") for name, one in (data.get("channels") or {}).items()}
     return Accuracy(data.get("horizon_s"), errors(data.get("held_out") or {}, data.get("unit") or ""), channels)
+
+
+def _bound(one: Mapping[str, Any], side: str, endless: float) -> Value:
+    """An end of an interval; the file has null where it is infinite, and none at all where there is no interval."""
+    if side not in one:
+        return None
+    value = one[side]
+    return tuple(endless if number is None else number for number in value) if isinstance(value, list | tuple) else endless if value is None else value
 
 
 def _value(value: Any) -> Value:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.torques import joint_torques
@@ -39,14 +40,19 @@ def joint_evidence(problem: Problem, after: LinearisedSimulator, *, corrected: b
     return tuple(found)
 
 
-def places(joints: Sequence[JointEvidence], effects: Sequence[Effect], settings: VerdictSettings) -> tuple[Place, ...]:
-    """Joints with a share of the mismatch, those that one of `effects` sits on first, behind what acts on links or the world."""
+def places(rig: Rig, joints: Sequence[JointEvidence], effects: Sequence[Effect], settings: VerdictSettings) -> tuple[Place, ...]:
+    """Joints with a share of the mismatch, those that one of `effects` sits on first, behind what acts on links or the world.
+
+    A link has the share of the joints that carry it, the world that of all.
+    """
     blamed = [effect.target for effect in effects]
     found = [Place("joint", one.joint, round(one.share, 3), regime(one, settings)) for one in joints if one.share > settings.where]
     found.sort(key=lambda one: (one.name not in blamed, -one.share))
     for effect in effects:
         if effect.on in ("link", "world"):
-            found.insert(0, Place(effect.on, effect.target, 1.0, "wherever it moves"))
+            felt = rig.joints if effect.on == "world" else rig.model.carriers(effect.target)
+            share = sum(one.share for one in joints if one.joint in felt)
+            found.insert(0, Place(effect.on, effect.target, round(share, 3), "wherever it moves"))
     return tuple(found)
 
 

@@ -7,24 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from mpge_bench.diagnosis.data.motion import resolution
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.fit.screen import Screening
 from mpge_bench.diagnosis.settings import VerdictSettings
 from mpge_bench.diagnosis.verdict.intervals import Intervals
-from mpge_bench.diagnosis.verdict.result import Accuracy, Place, Rival
+from mpge_bench.diagnosis.verdict.result import Accuracy, MoreData, Place, Rival
 from mpge_bench.envs.effects import Effect
 
 
 def summary(
+    rig: Rig,
     verdict: str,
-    p_value: float,
+    p: str,
     named: Sequence[tuple[Effect, Intervals]],
     curves: Sequence[Effect],
     fit: Accuracy,
     rivals: Sequence[Rival],
     where: Sequence[Place],
     settings: VerdictSettings,
-    *,
-    late: bool,
+    more: MoreData | None,
+    lost: Sequence[Sequence[str]],
+    cut: Sequence[str],
 ) -> tuple[str, ...]:
     """What was found, how much it helps, and what it was held against."""
     held, horizon = fit.held_out, f"{fit.horizon:g} s"
@@ -32,27 +36,39 @@ def summary(
     assert held.after is not None
     assert held.noise_floor is not None
     lines = []
-    if verdict == "no_mismatch":
-        lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise (p = {p_value:.2g}).")
-        lines.append(f"Held-out {horizon} prediction error: {held.before:.3g} {held.unit}; the noise alone makes {held.noise_floor:.3g}.")
+    error = f"Held-out {horizon} prediction error: {held.before:.3g} {held.unit}; the noise alone makes {held.noise_floor:.3g}."
+    if more is not None:
+        lines.append(f"Too little data: {more.windows} windows of {horizon} cannot tell a mismatch from chance ({p}).")
+        lines.append(f"It takes about {more.needed} windows: record about {more.seconds:.0f} s more, in recordings as they are or longer ones.")
+        lines.append(error)
+    elif verdict == "no_mismatch":
+        lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise ({p}).")
+        lines.append(error)
     else:
-        lines += [effect.say(bounds) for effect, bounds in named]
-        lines += [curve.say({}) for curve in curves]
+        lines += [effect.say(bounds, slide=rig.is_slide(effect.target)) for effect, bounds in named]
+        lines += [curve.say({}, slide=rig.is_slide(curve.target)) for curve in curves]
         if not named and not curves:
             place = ", ".join(f"{one.name} ({100 * one.share:.0f}%, {one.regime})" for one in where[:2])
-            lines.append(f"There is a mismatch (p = {p_value:.2g}), and no physics of the catalogue explains it. It shows at: {place}.")
+            lines.append(f"There is a mismatch ({p}), and no physics of the catalogue explains it. It shows at: {place}.")
         else:
             at_noise = held.after < settings.at_noise * held.noise_floor
             near = ", the sensors' noise" if at_noise else f"; the sensors' noise would be {held.noise_floor:.2g}"
             lines.append(f"Held-out {horizon} prediction error falls from {held.before:.3g} to {held.after:.3g} {held.unit}{near}.")
+        lines += [f"Not told by these recordings: {group[0]}." for group in lost if len(group) == 1]
+        lines += [f"Not told by these recordings one by one: {', '.join(group)}." for group in lost if len(group) > 1]
         if verdict == "partly_explained":
             lines.append("Named physics explains only part of it; see the report for where the rest shows.")
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
         if out and (named or curves):
             lines.append("Ruled out: " + "; ".join(f"{' + '.join(one.effects)} (error {one.held_out_error:.3g})" for one in out) + ".")
-    if late:
-        lines.append("The time budget ended the search early: this is the best answer so far.")
+    if cut:
+        lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
     return tuple(lines)
+
+
+def chance(test: Screening) -> str:
+    """The test's p, for people."""
+    return f"p < {test.p_value:.1g}" if test.is_bound else f"p = {test.p_value:.2g}"
 
 
 def checks(problem: Problem) -> tuple[str, ...]:

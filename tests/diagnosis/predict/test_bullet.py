@@ -12,7 +12,7 @@ import pytest
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.predict.bullet import BulletPredictor, simulate
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor, predicted, simulate
 from mpge_bench.envs.effects import (
     Armature,
     Backlash,
@@ -242,3 +242,12 @@ def test_effects_on_what_the_rig_has_not_are_refused(rig: Rig) -> None:
     for effect in (TorqueGain("wrist", 0.5), SensorBias("wrist", 0.5), Payload("hand", 1.0, 0.1)):
         with pytest.raises(UserError, match=r"no (joint|link) '(wrist|hand)'"):
             simulate(rig, record(rig, seconds=0.5), 0.2, [effect])
+
+
+def test_velocities_are_doubted_once_for_all_recordings(rig: Rig) -> None:
+    # One recording's velocities by themselves look as if they were in another unit; what has been judged by all of them is not judged again.
+    recording = record(rig, seconds=1.0)
+    odd = dataclasses.replace(recording, dq=1.2 * recording.dq)
+    without = dataclasses.replace(recording, dq=np.full_like(recording.dq, np.nan))
+    assert simulate(rig, odd, 0.5).q == pytest.approx(simulate(rig, without, 0.5).q)
+    assert np.abs(predicted(rig, odd, 0.5).q - predicted(rig, without, 0.5).q).max() > 1e-3

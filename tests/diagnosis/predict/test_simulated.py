@@ -13,7 +13,7 @@ import pytest
 from mpge_bench.diagnosis.data.motion import motion_of
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.predict.bullet import BulletPredictor, rows_in_bullet, simulate
+from mpge_bench.diagnosis.predict.bullet import BulletPredictor, predicted, rows_in_bullet
 from mpge_bench.diagnosis.predict.fast.rollout import steered
 from mpge_bench.diagnosis.predict.fast.trees import flat_tree
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows, error_at_once
@@ -92,10 +92,10 @@ def test_an_unstable_prediction_is_none(case: Case) -> None:
 
 
 @pytest.mark.parametrize("horizon", [0.01, 0.3, 0.5, 10.0])
-def test_errors_of_all_stretches_are_those_of_simulate(case: Case, horizon: float) -> None:
+def test_errors_of_all_stretches_are_those_of_a_prediction_in_pybullet(case: Case, horizon: float) -> None:
     effects = [Delay("shoulder", 0.02), SensorBias("elbow", 0.1)]
     recording = case.recordings[1]
-    expected = simulate(case.rig, recording, horizon, effects).q - recording.q
+    expected = predicted(case.rig, recording, horizon, effects).q - recording.q
     assert error_at_once(case.rig, recording, horizon, effects) == pytest.approx(expected, abs=1e-11)
 
 

@@ -28,6 +28,7 @@ from mpge_bench.diagnosis.verdict.result import (
     FoundEffect,
     JointEvidence,
     Law,
+    MoreData,
     Place,
     Rival,
     Trajectory,
@@ -199,6 +200,30 @@ def test_no_mismatch_shows_no_correction():
     assert "Nothing is missing" in page.text
     assert "corrected" not in page.text
     assert "→" not in page.text
+
+
+def test_too_little_data_is_no_answer_of_either_kind():
+    result = dataclasses.replace(_no_mismatch(), verdict="too_little_data", more_data=MoreData(4, 9, 5.0), summary=("Record 5 s more.",))
+    page = _read(report_html(result))
+    assert "Too little data" in page.text
+    assert "Record 5 s more." in page.text
+    assert "Nothing is missing" not in page.text
+    assert "Nowhere" not in page.text
+    assert DiagnosisResult.from_json(json.loads(json.dumps(result.to_json()))).more_data == result.more_data
+
+
+def test_a_p_below_all_that_were_drawn_is_a_bound():
+    assert "p < 0.001" in _read(report_html(dataclasses.replace(_explained(), p_value=1 / 1001, p_is_bound=True))).text
+
+
+def test_what_is_not_told_has_no_interval_but_a_name():
+    effect = FoundEffect("armature", "elbow", 0.9, {"inertia": Estimate(0.31042, "kg m²", -math.inf, math.inf)})
+    result = dataclasses.replace(_explained(), effects=(effect,), untold=(("inertia of armature:elbow", "factor of inertia_scale:arm"),))
+    page = _read(report_html(result))
+    text = " ".join(page.text.split())
+    assert "inertia 0.3104 not told" in text
+    assert "one by one, only together: inertia of armature:elbow, factor of inertia_scale:arm" in text
+    assert DiagnosisResult.from_json(json.loads(json.dumps(result.to_json())), result.evidence).effects == result.effects
 
 
 def test_unexplained_shows_the_empirical_curve():

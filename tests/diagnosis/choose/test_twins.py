@@ -1,0 +1,62 @@
+"""What the answer cannot be told from is worked out for all candidates, and of equals the plainest is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.twins import plainness, remainder, twins
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.verdict.confusions import confusions
+from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Gravity, InertiaScale, SensorBias, TorqueGain
+
+from ..conftest import Made
+
+
+def test_the_plainer_of_two_equals() -> None:
+    assert plainness(Armature("hinge", 0.1)) < plainness(ComOffset("arm", 0.0, 0.0, 0.1))
+    assert plainness(Armature("hinge", 0.1)) < plainness(InertiaScale("arm", 1.1))
+    assert plainness(TorqueGain("hinge", 0.0)) < plainness(DeadZone("hinge", 9.0))
+    assert plainness(Gravity("world", (1.0, 0.0, -9.7))) < plainness(SensorBias("hinge", 0.1))
+
+
+def test_what_columns_make_up_of_a_change() -> None:
+    rng = np.random.default_rng(0)
+    columns = rng.standard_normal((3, 50))
+    assert remainder(columns[0] - 2 * columns[2], 1e-6 * columns) == pytest.approx(0, abs=1e-9)
+    beyond = rng.standard_normal(50)
+    beyond -= columns.T @ np.linalg.lstsq(columns.T, beyond, rcond=None)[0]
+    assert remainder(columns[1] + beyond, columns) == pytest.approx(np.linalg.norm(beyond))
+
+
+def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Callable[..., Made]) -> None:
+    _, fitter, candidates = made(Armature("hinge", 0.03))
+    fit = fitter.fit([InertiaScale("arm", 1.5)])
+    chosen = Model(fit, 1.0, 1.0, 1.0, 1.0, 1, (), np.ones(1), 1.96)
+    problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
+    trials: Any = SimpleNamespace(problem=problem, candidates=candidates)
+    found = twins(trials, chosen)
+    assert {one.effects[-1].name for one in found} == {one.name for one in candidates} - {"inertia_scale"}
+    near = {one.effects[-1].name for one in found if one.distance < 3.3}
+    assert "armature" in near
+    assert not near & {"torque_gain", "delay", "coulomb_friction", "sensor_delay"}
+    alike, confidence = confusions(SimpleNamespace(problem=problem, chosen=chosen, twins=found))  # type: ignore[arg-type]
+    assert ("inertia_scale:arm", "armature:hinge") in [one.models for one in alike]
+    assert confidence <= 0.5
+
+
+def test_only_what_was_cut_short_is_said_to_be() -> None:
+    trials = object.__new__(Trials)
+    trials.cut = {}
+    trials.clock = Clock(0.0, np.inf)
+    assert not trials.cut_short("curves")
+    trials.clock = Clock(0.0, 0.0)
+    assert list(trials.cut) == []
+    assert trials.cut_short("curves")
+    assert list(trials.cut) == ["curves"]

@@ -1,0 +1,45 @@
+"""Windows are independent pieces of evidence."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, windows_of
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import SensorDelay
+
+from ..conftest import record
+
+
+def test_p_values_of_white_noise_in_windows_are_uniform() -> None:
+    # A row that ends one window and begins the next puts 14% of the p-values into the first tenth.
+    motion: Any = SimpleNamespace(settings=DEFAULT, rows=np.array([806, 806, 806, 806]), intervals=lambda: np.full((4, 806), 0.01))
+    windows = windows_of(motion, 0.5)
+    rows = windows.start[:, None] + np.arange(windows.length + 1)
+    time = np.arange(windows.length + 1.0)
+    # What a constant torque moves, beyond what starting states explain.
+    start = np.linalg.qr(np.stack((np.ones_like(time), time), 1))[0]
+    column = time**2 - start @ (start.T @ time**2)
+    rng = np.random.default_rng(0)
+    signs = rng.choice([-1.0, 1.0], (499, len(rows)))
+    found = []
+    for _ in range(3000):
+        parts = rng.standard_normal((4, 806))[windows.recording[:, None], rows] @ column
+        found.append((1 + ((signs @ parts) ** 2 >= parts.sum() ** 2).sum()) / 500)
+    assert stats.kstest(found, "uniform").pvalue > 0.01
+
+
+def test_a_sensor_looks_back_as_far_as_it_is_late(rig: Rig) -> None:
+    linear = reference(rig, [record(rig, seconds=2.0)])
+    predictor = WindowPredictor(linear, Windows(np.array([0]), np.array([100]), 20), linear.motion.sigma)
+    late = predictor.sensed([SensorDelay("elbow", 0.3)])
+    elbow, rows = rig.joints.index("elbow"), np.arange(100, 121)
+    old = linear.motion.state[0, rows - round(0.3 / linear.motion.period), elbow]
+    assert predictor.state[0, :, elbow] + late[0, :, elbow] == pytest.approx(old, abs=1e-6)

@@ -1,0 +1,41 @@
+"""What is said to be detectable is found when it is put in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from mpge_bench.diagnosis.choose import choice
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.verdict.detectable import detectable
+from mpge_bench.envs.effects import CATALOGUE, Effect
+
+from ..conftest import write_case
+
+
+def looked_at(folder: Path, effects: list[Effect]) -> tuple[Any, list[Candidate], choice.Mismatch]:
+    rig = read_rig(write_case(folder, effects, seconds=4.0, timestep=0.002))
+    measured = measurements(rig, read_recordings(sorted(folder.glob("*.csv")), rig))
+    linear = reference(rig, measured.recordings)
+    posed = problem(measured, linear, 0.5)
+    options = candidates(rig, scales(linear))
+    return posed, options, choice.tested(posed, options)
+
+
+def test_effects_of_the_stated_size_are_found_in_most_cases(tmp_path: Path) -> None:
+    posed, options, empty = looked_at(tmp_path / "empty", [])
+    asked: Any = SimpleNamespace(problem=posed, candidates=options, fitter=empty.fitter, chosen=empty.nominal)
+    found = []
+    for one in detectable(asked):
+        if one.effect in ("viscous_friction", "torque_bias", "torque_gain", "armature"):
+            at = {"torque_gain": 1.0}.get(one.effect, 0.0) + one.size
+            _, _, mismatch = looked_at(tmp_path / one.effect, [CATALOGUE[one.effect](one.target, **{one.parameter: at})])
+            found.append(mismatch.screening.p_value)
+    assert len(found) == 4
+    assert sum(p < 0.01 for p in found) >= 3
+    assert empty.screening.p_value > 0.01

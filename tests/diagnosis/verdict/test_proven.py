@@ -1,0 +1,56 @@
+"""What is reported never predicts unseen recordings worse than what it replaces, and nothing looks at them before."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.exported import error_of
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.linear import Fit
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.screen import Screening
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.verdict.conclude import proven
+from mpge_bench.diagnosis.verdict.confusions import rivals
+from mpge_bench.envs.effects import JointSpring, ViscousFriction
+
+from ..conftest import record
+
+
+def choice_of(problem: Any, nominal: Any, chosen: Any, models: tuple[Any, ...] = ()) -> Choice:
+    return Choice(problem, (), nominal, SimpleNamespace(), chosen, models, Screening(0.001, True, 0.001, {}), (), ())  # type: ignore[arg-type]
+
+
+def test_what_predicts_unseen_recordings_worse_is_taken_back(rig: Rig) -> None:
+    problem: Any = SimpleNamespace(rig=rig, horizon=0.5, settings=DEFAULT)
+    truth, spring = ViscousFriction("elbow", 0.02), JointSpring("elbow", 50.0)
+    unseen = [record(rig, [truth], seconds=1.5, seed=3)]
+    nominal = SimpleNamespace(effects=())
+    right = choice_of(problem, nominal, SimpleNamespace(effects=(truth,)))
+    assert proven(right, unseen) == (right, ())
+    kept, (line,) = proven(choice_of(problem, nominal, SimpleNamespace(effects=(truth, spring))), unseen)
+    assert kept.chosen is nominal
+    assert "joint_spring:elbow" in line
+    assert f"{error_of(problem, unseen, (truth, spring)):.3g} against {error_of(problem, unseen, ()):.3g}" in line
+
+
+def test_what_predicts_unseen_recordings_as_well_is_not_ruled_out() -> None:
+    def model(effect: Any, left: float) -> Model:
+        fit = Fit((effect,), np.full((8, 5), left), np.zeros((1, 8, 5)))
+        return Model(fit, left**2, left**2, left**2, left**2, 1, (), np.ones(1), 1.96)
+
+    problem: Any = SimpleNamespace(settings=DEFAULT, held_out=np.arange(8) > 5)
+    chosen, better, worse = model(ViscousFriction("a", 1.0), 1.0), model(ViscousFriction("b", 1.0), 3.0), model(ViscousFriction("c", 1.0), 4.0)
+    errors = {"a": 0.00256, "b": 0.00215, "c": 0.009}
+    found = rivals(choice_of(problem, worse, chosen, (better, worse)), lambda effects: errors[effects[0].target])
+    behind = {one.effects[0]: one.log_evidence_behind for one in found}
+    assert behind == {"viscous_friction:b": 0.0, "viscous_friction:c": 75.0}
+
+
+def test_an_unstable_model_has_an_infinite_error(rig: Rig) -> None:
+    problem: Any = SimpleNamespace(rig=rig, horizon=0.5, settings=DEFAULT)
+    assert error_of(problem, [record(rig, seconds=1.0)], (JointSpring("elbow", 1e5), ViscousFriction("elbow", 1e4))) == np.inf
