@@ -62,7 +62,7 @@ def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
 
 def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
     # Half as many physics steps: most of what this takes are fits in PyBullet.
-    rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False, timestep=0.002)
+    rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False, timestep=0.002, recordings=6)
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
     values = {one["effect"]: one["parameters"] for one in found.data["effects"]}
     assert set(values) == {"delay", "coulomb_friction"}
@@ -72,7 +72,7 @@ def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
 
 def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
     at = np.linspace(-4, 4, 400)
-    rig = write_case(tmp_path, [UnknownTorque("hinge", "q", tuple(at), tuple(0.4 * np.sin(7 * at)))])
+    rig = write_case(tmp_path, [UnknownTorque("hinge", "q", tuple(at), tuple(0.4 * np.sin(7 * at)))], recordings=8)
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
     assert found.data["verdict"] == "unexplained"
     assert {one["effect"] for one in found.data["effects"]} <= {"unknown"}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from scipy import stats
 
 from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
@@ -17,6 +19,7 @@ from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.curves import curves
+from mpge_bench.diagnosis.settings import ChooseSettings
 
 
 @dataclass(frozen=True)
@@ -34,9 +37,23 @@ class Mismatch:
 
 
 def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
-    """Whether there is a mismatch at all, be it one of the `options` or a nameless curve."""
+    """Whether there is a mismatch at all, be it one of the `options` or a nameless curve.
+
+    Two tests, the smaller p of which counts: signs of the windows (`screen`), which ask nothing of the noise but see little of what acts on few windows; and
+    `chance_of`, which by far overestimates the noise, so that it hardly ever adds a false alarm. Few windows are too little data whatever they miss.
+    """
     model, fitter = nominal(problem)
-    return Mismatch(model, fitter, screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)]))
+    found = screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)])
+    settings = problem.settings.choose
+    by_size = chance_of(fitter.chi_square(model.fit.cost, slice(None)), len(model.fit.cost), settings)
+    if found.least < settings.significance and by_size < found.p_value:
+        found = replace(found, p_value=max(by_size, settings.least_chance), is_bound=by_size < settings.least_chance)
+    return Mismatch(model, fitter, found)
+
+
+def chance_of(chi_square: float, windows: int, settings: ChooseSettings) -> float:
+    """Probability of a reduced `chi_square` as large by noise that is `beyond_noise` times what it was estimated to be, each window being one observation."""
+    return float(stats.chi2.sf(chi_square * windows / settings.beyond_noise**2, windows))
 
 
 @dataclass(frozen=True)
