@@ -77,7 +77,7 @@ def groundings(task: _TASK = "broken_hopper", samples: int = 1000, seeds: int = 
     variants: dict[str, list[str]] = {
         f"change_cost {cost}, input_spread {spread}": [f"grounding.change_cost={cost}", f"grounding.input_spread={spread}"]
         for cost, spread in itertools.product((0, 1), (1, 10))
-    } | {"as the preset, batches matched": ["grounding.discriminator.matched=true"], "as the preset, half the steps": ["grounding.steps=100000"]}
+    } | {"as the preset, batches pooled": ["grounding.discriminator.matched=false"], "as the preset, half the steps": ["grounding.steps=100000"]}
     rows = []
     for (name, changes), seed in track(list(itertools.product(variants.items(), range(seeds))), "groundings"):
         rows.append({"grounding": name, "seed": seed} | _grounded(task, samples, seed, tuple(changes)))
