@@ -75,6 +75,7 @@ class Delay(_Late):
         "backlash": "reverse slowly under load: play shows at reversals only, a delay always",
         "sensor_delay": "hold the motor still and push the joint by hand against a second sensor: only a late sensor is late then",
     }
+    adds = True
     place = 10
 
     @classmethod
@@ -140,6 +141,7 @@ class DeadZone(Effect):
         "coulomb_friction": "let the joint coast with the motor off: friction brakes it, a dead zone does not",
     }
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4)}
     maps_command = True
@@ -167,6 +169,7 @@ class TorqueBias(Effect):
         "joint_spring": "hold the joint at angles far apart",
     }
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"torque": Parameter("N m", -1e4, 1e4)}
     maps_command = True
