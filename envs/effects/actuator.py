@@ -59,6 +59,10 @@ class _Late(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] = _late(command[joint], self._before(command[joint]), self.seconds, hidden)
 
+    @property
+    def forgets(self) -> float:
+        return self.seconds
+
     def _before(self, first: Any) -> Any:
         """What is in force before the `first` command is through."""
         return 0.0 * first
@@ -205,6 +209,10 @@ class Lag(Effect):
         reached = command[joint] if hidden.state is None else hidden.state
         share = 1.0 if self.time_constant <= 0 else -math.expm1(-hidden.timestep / self.time_constant)
         hidden.state = command[joint] = reached + share * (command[joint] - reached)
+
+    @property
+    def forgets(self) -> float:
+        return 5 * self.time_constant
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

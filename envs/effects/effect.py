@@ -243,6 +243,11 @@ class Effect:
         """How old what it makes the sensors read is, s; None where that is no part of its law."""
         return None
 
+    @property
+    def forgets(self) -> float:
+        """Within how many s its hidden state comes to depend on where it began by no more than a hundredth, as far as its parameters say."""
+        return 0.0
+
     def is_stepwise(self, timestep: float) -> bool:
         """Whether its torques along a given motion must be worked out one after another, at physics steps of `timestep` s."""
         return self.remembers
