@@ -133,7 +133,7 @@ def compare(given: Path, kept: Path, ready: Path, jobs: int) -> dict[str, Any]:
     effects: dict[str, Sequence[Effect]] = {"none": (), "all at once": together, "neural": network, "oracle": told, "ours": found}
     row: dict[str, Any] = {"case": given.name, "truth": " + ".join(f"{one['effect']}:{one['target']}" for one in truth) or "nothing"}
     row |= {method: _error(rig, tests, effects[method]) for method in METHODS}
-    row["true effect"] = _error(rig, tests, true) if catalogued else None
+    row["true effect"] = _error(rig, tests, rig.joined((), *true)) if catalogued else None
     if not catalogued:
         row["oracle"] = None
     return row

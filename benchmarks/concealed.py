@@ -19,6 +19,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -119,7 +120,7 @@ def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
     nominal = _error(rig, tests)
     if catalogued:
         try:
-            best = _error(rig, tests, [_effect(one) for one in truth])
+            best = _error(rig, tests, rig.joined((), *(_effect(one) for one in truth)))
         except UserError:
             best = float("nan")
         row["error"], row["before"] = f"{corrected / best:.3f}", f"{nominal / best:.1f}"
@@ -141,9 +142,9 @@ def _off(found: Any, true: Any) -> float:
     return float(difference / size) if size > 0 else float(difference)
 
 
-def _error(rig: Rig, recordings: list[Recording], effects: list[Effect] | None = None) -> float:
+def _error(rig: Rig, recordings: list[Recording], effects: Sequence[Effect] = ()) -> float:
     """Root mean square error of q, 0.5 s ahead, over all joints."""
-    squares = [np.mean((simulate(rig, one, HORIZON, effects or []).q - one.q) ** 2) for one in recordings]
+    squares = [np.mean((simulate(rig, one, HORIZON, effects).q - one.q) ** 2) for one in recordings]
     return float(np.sqrt(np.mean(squares)))
 
 

@@ -59,6 +59,10 @@ class _Late(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] = _late(command[joint], self._before(command[joint]), self.seconds, hidden)
 
+    @property
+    def forgets(self) -> float:
+        return self.seconds
+
     def _before(self, first: Any) -> Any:
         """What is in force before the `first` command is through."""
         return 0.0 * first
@@ -75,6 +79,7 @@ class Delay(_Late):
         "backlash": "reverse slowly under load: play shows at reversals only, a delay always",
         "sensor_delay": "hold the motor still and push the joint by hand against a second sensor: only a late sensor is late then",
     }
+    adds = True
     place = 10
 
     @classmethod
@@ -140,6 +145,7 @@ class DeadZone(Effect):
         "coulomb_friction": "let the joint coast with the motor off: friction brakes it, a dead zone does not",
     }
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4)}
     maps_command = True
@@ -167,6 +173,7 @@ class TorqueBias(Effect):
         "joint_spring": "hold the joint at angles far apart",
     }
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"torque": Parameter("N m", -1e4, 1e4)}
     maps_command = True
@@ -202,6 +209,10 @@ class Lag(Effect):
         reached = command[joint] if hidden.state is None else hidden.state
         share = 1.0 if self.time_constant <= 0 else -math.expm1(-hidden.timestep / self.time_constant)
         hidden.state = command[joint] = reached + share * (command[joint] - reached)
+
+    @property
+    def forgets(self) -> float:
+        return 5 * self.time_constant
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

@@ -70,6 +70,7 @@ class ComOffset(Effect):
     name = "com_offset"
     title = "Centre of mass offset"
     sentence = "The {target}'s centre of mass lies off by {x}, {y}, {z}."
+    adds = True
     on = "link"
     parameters = {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
 

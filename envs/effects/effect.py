@@ -51,10 +51,17 @@ class Parameter:
             return f"({', '.join(texts)}){unit}"
         low, high = intervals[0]
         if math.isinf(high - low):
-            return f"{values[0]:.4g}{unit} (not told by these recordings)"
+            return f"{self.plain(value, slide=slide)} (not told by these recordings)"
         if self.percent:
             return f"{100 * values[0]:.3g}% ({100 * low:.3g}-{100 * high:.3g}%)"
-        return f"{values[0]:.4g}{unit} ({low:.4g} to {high:.4g})"
+        return f"{self.plain(value, slide=slide)} ({low:.4g} to {high:.4g})"
+
+    def plain(self, value: float | tuple[float, ...], *, slide: bool = False) -> str:
+        """The value with its unit, for people."""
+        unit = "" if self.unit == "1" else f" {self.unit_of(slide=slide)}"
+        if isinstance(value, tuple):
+            return f"({', '.join(f'{one:.4g}' for one in value)}){unit}"
+        return f"{100 * value:.3g}%" if self.percent else f"{value:.4g}{unit}"
 
 
 @dataclass(frozen=True)
@@ -139,6 +146,8 @@ class Effect:
     title: ClassVar[str] = ""
     #: What it is, said of its target; {parameter} is a parameter's value with its interval.
     sentence: ClassVar[str] = ""
+    #: True where two of them on one target are one with the sums of their parameters.
+    adds: ClassVar[bool] = False
     #: Plainer effects that it contains, as Stribeck's friction contains Coulomb's: never beside it.
     contains: ClassVar[tuple[str, ...]] = ()
     #: Plainer effects that it does not contain but may be mistaken for.
@@ -234,6 +243,11 @@ class Effect:
         """How old what it makes the sensors read is, s; None where that is no part of its law."""
         return None
 
+    @property
+    def forgets(self) -> float:
+        """Within how many s its hidden state comes to depend on where it began by no more than a hundredth, as far as its parameters say."""
+        return 0.0
+
     def is_stepwise(self, timestep: float) -> bool:
         """Whether its torques along a given motion must be worked out one after another, at physics steps of `timestep` s."""
         return self.remembers
@@ -250,6 +264,15 @@ class Effect:
         if not self.sentence:
             return f"{self.called()} at the {target}: {', '.join(f'{name} {text}' for name, text in words.items())}."
         return self.sentence.format(target=target, **words)
+
+    def corrects(self, other: Effect) -> bool:
+        """Whether it stands in the place of `other`, of which a simulator believed in too much or too little. Nameless curves add up."""
+        return self.named and (self.name, self.target) == (other.name, other.target)
+
+    def say_instead(self, other: Effect, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        """`say`, where the rig says `other`."""
+        believed = ", ".join(parameter.plain(getattr(other, name), slide=slide) for name, parameter in self.parameters.items())
+        return f"{self.say(intervals, slide=slide).removesuffix('.')}, not {believed} as the rig says."
 
     @classmethod
     def called(cls) -> str:

@@ -56,6 +56,7 @@ class ViscousFriction(Effect):
     name = "viscous_friction"
     sentence = "The {target} has viscous friction of {damping}."
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4)}
     place = 90
@@ -81,6 +82,7 @@ class AirDrag(Effect):
     name = "air_drag"
     sentence = "The {target} is braked with the square of its speed: {quadratic}."
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"quadratic": Parameter("N m s²/rad²", 0.0, 1e4)}
     place = 90
@@ -107,6 +109,7 @@ class CoulombFriction(Effect):
         "load_friction": "move at constant speed under two different loads",
     }
     is_curve = True
+    adds = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4)}
     steady = True
@@ -158,6 +161,7 @@ class LoadFriction(Effect):
 
     name = "load_friction"
     sentence = "The {target} loses {coefficient} of the torque it carries to friction."
+    adds = True
     on = "joint"
     parameters = {"coefficient": Parameter("1", 0.0, 2.0, percent=True)}
     needs_motor = True
@@ -183,6 +187,7 @@ class Armature(Effect):
         "inertia_scale": "move the joint that carries this one: a link's inertia is felt there, a rotor's is not",
         "mass_scale": "hold the joint still at several angles: mass needs holding torque, a rotor does not",
     }
+    adds = True
     on = "joint"
     parameters = {"inertia": Parameter("kg m²", 0.0, 1e4)}
     steady = True

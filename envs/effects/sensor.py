@@ -21,6 +21,7 @@ class SensorBias(Effect):
 
     name = "sensor_bias"
     sentence = "The {target}'s sensor reads {offset} too much."
+    adds = True
     on = "sensor"
     parameters = {"offset": Parameter("rad", -100.0, 100.0)}
     place = 110
@@ -69,6 +70,7 @@ class SensorDelay(Effect):
 
     name = "sensor_delay"
     sentence = "The {target}'s sensor is {seconds} late."
+    adds = True
     on = "sensor"
     parameters = {"seconds": Parameter("s", 0.0, 1.0)}
     place = 100

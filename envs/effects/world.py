@@ -42,6 +42,7 @@ class ExternalForce(Effect):
 
     name = "external_force"
     sentence = "A constant force of {vector} pulls at the {target}."
+    adds = True
     on = "link"
     parameters = {"vector": Parameter("N", -1e4, 1e4, size=3)}
 

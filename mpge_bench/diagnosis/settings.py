@@ -48,7 +48,7 @@ class DataSettings:
 class PredictSettings:
     """Of the simulator linearised about the recorded motion, and of its own predictions."""
 
-    warm_up: float = _setting(0.4, "s", "hidden states (lags, delays, motor sides) forget where they were within about this")
+    warm_up: float = _setting(0.4, "s", "motor sides forget where they were within about this; lags and delays are driven for longer, as their parameters say")
     shortest_window: int = _setting(5, "rows", "fewer are nothing but their starting state")
     spare_windows: int = _setting(3, "windows", "the start of a recording is only given up to warm-up where this much is left")
     disturbances: tuple[float, ...] = _setting((0.002, 0.02, 0.2), "share of the asked torque", "sizes tried of the unknown torque in a row, by decades")

@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
-from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, TorqueGain, TorqueLimit, UnknownTorque
+from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, TorqueGain, TorqueLimit, UnknownTorque, ViscousFriction
 
 from ..conftest import PATIENCE
 from .conftest import write_case
@@ -35,7 +35,8 @@ def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process
     assert [(one["effect"], one["target"]) for one in data["effects"]] == [("torque_gain", "hinge")]
     gain = data["effects"][0]["parameters"]["gain"]
     assert gain["value"] == pytest.approx(0.8, rel=0.01)
-    assert gain["low"] <= gain["value"] <= gain["high"]
+    assert 1e-5 < gain["value"] - gain["low"] < 0.01
+    assert gain["high"] - gain["value"] == pytest.approx(gain["value"] - gain["low"])
     assert data["where"][0]["name"] == "hinge"
     held = data["fit"]["held_out"]
     # The recordings are of a finer physics step, whose difference comes on top of the noise.
@@ -79,6 +80,32 @@ def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
     assert found.data["where"][0]["name"] == "hinge"
     held = found.data["fit"]["held_out"]
     assert held["after"] < held["before"] / 4
+
+
+@pytest.mark.parametrize(
+    ("believed", "true"),
+    [
+        (ViscousFriction("hinge", 0.3), ViscousFriction("hinge", 0.1)),
+        (CoulombFriction("hinge", 0.3), CoulombFriction("hinge", 0.1)),
+        (Delay("hinge", 0.03), Delay("hinge", 0.01)),
+        (Lag("hinge", 0.06), Lag("hinge", 0.02)),
+    ],
+)
+def test_what_the_rig_has_too_much_of_is_corrected(tmp_path: Path, believed: Effect, true: Effect) -> None:
+    path = write_case(tmp_path, [true], timestep=0.002)
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | {"effects": [believed.to_dict()]}))
+    found = diagnose_files(path, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    (name,) = true.parameters
+    (one,) = found.effects
+    assert (one.name, one.target) == (true.name, true.target)
+    assert getattr(one, name) == pytest.approx(getattr(true, name), rel=0.05)
+    assert f"not {getattr(believed, name):g} " in found.summary[0]
+    assert found.summary[0].endswith("as the rig says.")
+    estimate = found.data["effects"][0]["parameters"][name]
+    # What is missing beside the rig's own, where two of the kind are one of their sum.
+    beside = getattr(believed, name) if true.adds else 0.0
+    assert estimate["value"] + beside == pytest.approx(estimate["total"]) == getattr(one, name)
+    assert read_rig(tmp_path / "report" / "corrected.yaml").own(true) == one
 
 
 def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def is_idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -
     for effect in effects:
         if not effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)]):
             return True
-        others = [other for other in effects if other is not effect]
+        others: Sequence[Effect] = [other for other in effects if other is not effect]
         if effect.on == "sensor":
             misread = predictor.sensed(effects) - predictor.sensed(others)
             small = np.sqrt(np.mean(misread**2, (0, 1))) < settings.slight * np.std(predictor.state, (0, 1))
@@ -67,18 +67,19 @@ def is_idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -
     return False
 
 
-def _beyond_plainer(predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect], others: list[Effect]) -> tuple[Array, list[Effect]]:
+def _beyond_plainer(predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect], others: Sequence[Effect]) -> tuple[Array, Sequence[Effect]]:
     """Torques that `effect` adds beyond the plainer effects that it contains, shape (windows, intervals, joints), and `others` with those at their best."""
 
     def torques(effects: Sequence[Effect]) -> Array:
         return np.asarray(predictor.torques(effects) + predictor.bodies.torques(effects))
 
+    rig = predictor.linear.rig
     without = torques(others)
     added = torques(effects) - without
     for name in effect.contains:
         parameter, bounds = next(iter(CATALOGUE[name].parameters.items()))
-        kin = torques([*others, effect_from_dict({"effect": name, "target": effect.target, parameter: 1.0})]) - without
+        kin = torques(rig.joined(others, effect_from_dict({"effect": name, "target": effect.target, parameter: 1.0}))) - without
         size = (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
         added = added - size * kin
-        others = [*others, effect_from_dict({"effect": name, "target": effect.target, parameter: max(float(size), bounds.low)})]
+        others = rig.joined(others, effect_from_dict({"effect": name, "target": effect.target, parameter: max(float(size), bounds.low)}))
     return added, others

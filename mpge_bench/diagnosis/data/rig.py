@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import yaml
 
 from mpge_bench.envs import yaml12
@@ -20,6 +22,7 @@ from mpge_bench.envs.effects import (
     ViscousFriction,
     effect_from_dict,
 )
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.model import Model
@@ -51,7 +54,8 @@ class Rig:
         record_period: nominal interval between rows, s.
         gravity: m/s², in the base's frame.
         noise: standard deviations ``q`` (rad) and ``dq`` (rad/s) of the sensors where the rig states them.
-        nominal: effects of the rig itself: position servos, the model's damping and friction, and the rig's ``effects``.
+        nominal: effects of the rig itself: the rig's ``effects``, and position servos and the model's damping, friction, springs and rotors where the
+            former do not say otherwise.
         data: the YAML file's content.
     """
 
@@ -72,8 +76,25 @@ class Rig:
         return tuple(joint for joint in self.joints if self.modes[joint] != "passive")
 
     def chain(self, effects: Sequence[Effect] = ()) -> tuple[Effect, ...]:
-        """The rig's own and further `effects`, in the order from command to joint."""
-        return tuple(sorted((*self.nominal, *effects), key=lambda effect: effect.place))
+        """The rig's own effects, with `effects` in the place of those that they correct, in the order from command to joint."""
+        return tuple(sorted((*_uncorrected(self.nominal, effects), *effects), key=lambda effect: effect.place))
+
+    def own(self, effect: Effect) -> Effect | None:
+        """What the rig itself says of the physics that `effect` is about: what it would correct."""
+        alike = [own for own in self.nominal if effect.corrects(own)]
+        if len(alike) > 1 and effect.adds:
+            return with_parameters(alike[0], np.sum([parameters_of(own) for own in alike], 0).tolist())
+        return alike[-1] if alike else None
+
+    def absent(self, effects: Sequence[Effect]) -> npt.NDArray[np.float64]:
+        """Values of all parameters of `effects` at which they change nothing: the rig's own or, where it has none, those at which they vanish."""
+        owns = [(effect, self.own(effect)) for effect in effects]
+        return np.array([value for effect, own in owns for value in (neutrals_of(effect) if own is None else parameters_of(own))])
+
+    def joined(self, effects: Sequence[Effect], *more: Effect) -> tuple[Effect, ...]:
+        """`effects` with `more` beside what the rig, or `effects`, say of the same physics instead of in its place."""
+        kept = [own for own in self.nominal if any(one.corrects(own) for one in more) and not any(one.corrects(own) for one in effects)]
+        return (*effects, *kept, *more)
 
     def world(self, effects: Sequence[Effect] = (), *, timestep: float | None = None, substeps: int = 1) -> World:
         """A world with this mechanism in it, changed by `effects`.
@@ -113,8 +134,9 @@ class Rig:
         return Units("N", "m", "m/s") if self.model.is_prismatic(joint) else Units("N m", "rad", "rad/s")
 
     def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
-        """The rig's YAML content with `effects` added to its own, and `robot` as the path of the model."""
-        return {**self.data, "robot": robot, "effects": [*(self.data.get("effects") or []), *(effect.to_dict() for effect in effects)]}
+        """The rig's YAML content with `effects` added to its own or in their place, and `robot` as the path of the model."""
+        listed = [effect_from_dict(one) for one in self.data.get("effects") or []]
+        return {**self.data, "robot": robot, "effects": [effect.to_dict() for effect in (*_uncorrected(listed, effects), *effects)]}
 
 
 def read_rig(path: Path) -> Rig:
@@ -139,7 +161,7 @@ def read_rig(path: Path) -> Rig:
     for joint, settings in joints.items():
         _check_mode(path, joint, settings)
     nominal += _motors_and_losses(path, joints, model)
-    nominal += _listed(path, data)
+    listed = _listed(path, data)
     rig = Rig(
         path,
         model,
@@ -149,7 +171,7 @@ def read_rig(path: Path) -> Rig:
         period,
         gravity,
         noise,
-        tuple(nominal),
+        (*_uncorrected(nominal, listed), *listed),
         data,
     )
     try:
@@ -157,6 +179,11 @@ def read_rig(path: Path) -> Rig:
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     return rig
+
+
+def _uncorrected(own: Sequence[Effect], effects: Sequence[Effect]) -> list[Effect]:
+    """Those of `own` that none of `effects` stands in the place of."""
+    return [one for one in own if not any(effect.corrects(one) for effect in effects)]
 
 
 def _mapping(path: Path) -> dict[str, Any]:

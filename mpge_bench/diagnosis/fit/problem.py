@@ -23,7 +23,7 @@ from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
-from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, sizes_of
+from mpge_bench.envs.effects.vector import parameters_of, sizes_of
 
 Array = npt.NDArray[np.float64]
 
@@ -109,6 +109,7 @@ class Model:
         untold: its parameters that the recordings do not tell, by their indices; those that are told only together are one group.
         standard_errors: of the parameters, shape (parameters,); infinite of those that are not told.
         interval: how many standard errors a 95% interval is wide, either way.
+        absent: values of the parameters at which the effects change nothing of what the rig says, shape (parameters,).
     """
 
     fit: Fit
@@ -120,15 +121,16 @@ class Model:
     untold: tuple[tuple[int, ...], ...]
     standard_errors: Array
     interval: float
+    absent: Array
 
     @property
     def unsure(self) -> int:
         """How many effects might as well not be there, by the 95% intervals of their parameters."""
         found, at = 0, 0
         for effect in self.effects:
-            values, neutral = np.array(parameters_of(effect)), np.array(neutrals_of(effect))
-            error = self.standard_errors[at : at + len(values)]
-            found += len(values) > 0 and bool((np.abs(values - neutral) < self.interval * error).all())
+            values = np.array(parameters_of(effect))
+            here = slice(at, at + len(values))
+            found += len(values) > 0 and bool((np.abs(values - self.absent[here]) < self.interval * self.standard_errors[here]).all())
             at += len(values)
         return found
 
@@ -156,4 +158,5 @@ def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
         untold=directions(columns, size, problem.settings.fit).groups(),
         standard_errors=fitter.standard_errors(fit),
         interval=problem.settings.verdict.interval,
+        absent=problem.rig.absent(fit.effects),
     )

@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.smooth import asked_torque
 from mpge_bench.envs.effects import CATALOGUE, Effect, Scale
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
 
 Array = npt.NDArray[np.float64]
 
@@ -38,10 +39,24 @@ def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
     found = []
     for name, kind in CATALOGUE.items():
         for target in candidate_targets(rig, name):
-            starts = tuple(kind(target, **start) for start in kind.starts(scales[carrier(rig, target)]))
+            starts = _starts(rig, [kind(target, **start) for start in kind.starts(scales[carrier(rig, target)])])
             if starts:
                 found.append(Candidate(name, target, starts))
     return found
+
+
+def _starts(rig: Rig, starts: Sequence[Effect]) -> tuple[Effect, ...]:
+    """`starts` of one effect on one target or, where the rig has such an effect itself, that one enlarged and reduced by their size, within its bounds.
+
+    Effects whose numbers cannot be moved one by one stay as they are: any of them is a place from which to look for what stands in the own one's place.
+    """
+    own = rig.own(starts[0]) if starts else None
+    neutral = neutrals_of(starts[0]) if starts else []
+    if own is None or not (own.adds or (len(neutral) == 1 and np.isfinite(neutral[0]))):
+        return tuple(starts)
+    at, by = np.array(parameters_of(own)), [np.array(parameters_of(start)) - neutral for start in starts]
+    moved = [with_parameters(own, (at + sign * size).tolist()) for size in by for sign in (1, -1)]
+    return tuple(dict.fromkeys(one for one in moved if one != own))
 
 
 def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:

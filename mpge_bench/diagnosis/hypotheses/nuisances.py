@@ -30,7 +30,7 @@ class Nuisances:
         self._columns, self._limits = [predictor.project(predictor.halved_error)], [settings.step_error]
         for effect in rig.chain(base):
             if effect.implicit_damping > 0:
-                self._columns.append(predictor.change([*base, Armature(effect.target, effect.implicit_damping * rig.timestep)]))
+                self._columns.append(predictor.change(rig.joined(base, Armature(effect.target, effect.implicit_damping * rig.timestep))))
                 self._limits.append(settings.implicit_damping)
 
     @property
@@ -85,4 +85,4 @@ class Nuisances:
         if not slow:
             return []
         now = predictor.torques(effects)
-        return [predictor.project(predictor.propagate(predictor.torques([*effects, Delay(joint, rig.timestep)]) - now)) for joint in sorted(slow)]
+        return [predictor.project(predictor.propagate(predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now)) for joint in sorted(slow)]

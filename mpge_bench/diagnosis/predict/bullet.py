@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.data.checks import trusted
 from mpge_bench.diagnosis.data.motion import differentiate
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.torques import warm_up
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
@@ -36,7 +37,7 @@ class BulletPredictor:
                 raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the rig has {', '.join(rig.joints)}")
         self._sensors = [(effect, rig.joints.index(effect.target)) for effect in self._chain if effect.on == "sensor"]
         self._looks_back = sum(effect.looks_back or 0.0 for effect in self._chain)
-        self._remembers = any(effect.remembers for effect in self._chain)
+        self._warm_for = warm_up(self._chain, self._settings)
         moving = [effect for effect in effects if effect.on != "sensor"]
         self._effects = moving
         self._worlds: dict[int, World] = {}
@@ -71,7 +72,7 @@ class BulletPredictor:
         many = self._steps_a_row(time[first : rows[-1] + 1])
         world = self._world(many or 1)
         world.set_state(layout.q(state), layout.dq(state))
-        if self._remembers:
+        if self._warm_for:
             self._warm_up(world, recording, first, smooth)
         if many:
             q, dq = world.roll(recording.u[first : rows[-1]])
@@ -118,7 +119,7 @@ class BulletPredictor:
     def _warm_up(self, world: World, recording: Recording, first: int, smooth: Array) -> None:
         dt, layout = self.rig.timestep, self._layout
         start = recording.time[first]
-        begin = max(recording.time[0], start - self._settings.warm_up)
+        begin = max(recording.time[0], start - self._warm_for)
         count = round((start - begin) / dt)
         if count == 0:
             return

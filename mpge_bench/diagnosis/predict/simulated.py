@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.bullet import BulletPredictor, stretches
 from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, Warm, mechanism
+from mpge_bench.diagnosis.predict.torques import warm_up
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
@@ -59,7 +60,6 @@ class SimulatedWindows:
             every, u, place = self._stepped(recordings[r], own)
             steps.setdefault(every, []).append((window, u, place))
         self._grids = [_grid(every, found) for every, found in sorted(steps.items())]
-        self._warm_up = [self._steps_before(recordings[r], int(own[0])) for r, own in zip(recording, rows, strict=True)]
 
     def predict(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
         """What the sensors would read in every window if the mechanism with `effects` began it in the state of `starts`.
@@ -80,8 +80,9 @@ class SimulatedWindows:
     def _rolled(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
         """As `predict`; raises NotCovered where PyBullet is needed."""
         made = mechanism(self._rig, effects)
-        warm = self._warmed(references) if made.program.remembers else None
-        sensors = [effect for effect in self._rig.chain(effects) if effect.on == "sensor"]
+        chain = self._rig.chain(effects)
+        warm = self._warmed(references, warm_up(chain, self._settings.predict)) if made.program.remembers else None
+        sensors = [effect for effect in chain if effect.on == "sensor"]
         result = np.empty((*self._rows.shape, starts.shape[1]))
         for grid in self._grids:
             own = grid.windows
@@ -118,20 +119,21 @@ class SimulatedWindows:
         row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
         return 0, recording.u[row], (time[rows] - time[first]) / dt
 
-    def _steps_before(self, recording: Recording, first: int) -> tuple[Array, Indices]:
-        """Times, s, of the physics steps before row `first` on which hidden states are warmed up, and the rows whose commands they get."""
+    def _steps_before(self, recording: Recording, first: int, seconds: float) -> tuple[Array, Indices]:
+        """Times, s, of the physics steps in the `seconds` before row `first`, and the rows whose commands they get."""
         dt, time = self._rig.timestep, recording.time
-        begin = max(time[0], time[first] - self._settings.predict.warm_up)
+        begin = max(time[0], time[first] - seconds)
         at = time[first] - dt * np.arange(round((time[first] - begin) / dt), 0, -1)
         return at, np.clip(np.searchsorted(time, at + 0.5 * dt, side="right") - 1, 0, None)
 
-    def _warmed(self, references: Sequence[Array]) -> Warm:
-        """The motion of `references` just before each window."""
+    def _warmed(self, references: Sequence[Array], seconds: float) -> Warm:
+        """The motion of `references` in the `seconds` before each window."""
         layout = self._rig.layout
-        count = np.array([len(at) for at, _ in self._warm_up], np.int64)
+        before = [self._steps_before(self._recordings[r], int(rows[0]), seconds) for r, rows in zip(self._recording, self._rows, strict=True)]
+        count = np.array([len(at) for at, _ in before], np.int64)
         longest = int(count.max(initial=0))
         u, motion = np.zeros((len(count), longest, layout.nv)), np.zeros((len(count), longest, layout.nq + layout.nv))
-        for window, ((at, row), r) in enumerate(zip(self._warm_up, self._recording, strict=True)):
+        for window, ((at, row), r) in enumerate(zip(before, self._recording, strict=True)):
             if len(at):
                 u[window, -len(at) :] = self._recordings[r].u[row]
                 motion[window, -len(at) :] = _read(self._recordings[r].time, references[r], at)

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.predict.fast.laws import follow, has_law
+from mpge_bench.diagnosis.settings import PredictSettings
 from mpge_bench.envs.effects import Effect, Hidden
 
 Array = npt.NDArray[np.float64]
+
+
+def warm_up(effects: Iterable[Effect], settings: PredictSettings) -> float:
+    """How long before a window, s, the hidden states of `effects` are driven along the recording; 0 where there are none.
+
+    By doublings, so that a fit that moves a time constant a little asks for the same.
+    """
+    remembering = [effect for effect in effects if effect.remembers]
+    if not remembering:
+        return 0.0
+    longer = sum(effect.forgets for effect in remembering) / settings.warm_up
+    return float(settings.warm_up * 2 ** max(0, math.ceil(math.log2(max(longer, 1.0)) - 1e-9)))
 
 
 def joint_torques(

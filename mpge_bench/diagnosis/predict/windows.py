@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from mpge_bench.diagnosis.predict.bodies import BodyRegressor
 from mpge_bench.diagnosis.predict.fast.recurrences import flows, project, propagate
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
-from mpge_bench.diagnosis.predict.torques import driven, sliding
+from mpge_bench.diagnosis.predict.torques import driven, sliding, warm_up
 from mpge_bench.diagnosis.settings import PredictSettings
 from mpge_bench.envs.effects import Effect
 
@@ -95,24 +96,24 @@ class WindowPredictor:
             self.state = self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0]
             self.base_error = np.zeros_like(self.state)
         self._intervals = motion.intervals()[at, before]
-        self._u, self._q, self._dq = self._with_warm_up()
-        self._stretches: dict[bool, list[Array]] = {}
+        #: By the rows of warm-up: one without, one with the usual one, and perhaps longer ones.
+        self._stretches: Memory[int, list[Array]] = Memory(4)
         #: By joint and the effects on it: most models that are compared differ at one joint only. The second as dry friction turns round early.
         self._driven: Memory[tuple[int, tuple[Effect, ...]], tuple[Array, Array]] = Memory(64)
-        self._sliding: Memory[tuple[int, bool, bool], Array] = Memory(64)
+        self._sliding: Memory[tuple[int, int, bool], Array] = Memory(64)
 
     @property
     def settings(self) -> PredictSettings:
         return self.linear.settings
 
-    @property
-    def _warm(self) -> int:
-        """Rows before the window on which hidden states are warmed up."""
-        return max(1, round(self.settings.warm_up / self.linear.motion.period))
+    def _warm(self, effects: Sequence[Effect]) -> int:
+        """Rows before the window on which the hidden states of `effects` are warmed up: no more than any window has before it, but for the usual ones."""
+        usual, asked = (math.ceil(seconds / self.linear.motion.period) for seconds in (self.settings.warm_up, warm_up(effects, self.settings)))
+        return min(asked, max(usual, int(self.windows.start.max())))
 
-    def _with_warm_up(self) -> tuple[Array, Array, Array]:
-        """u, q and dq at the physics steps of the warm-up and the window; before the recording nothing moves."""
-        motion, warm = self.linear.motion, self._warm
+    def _with_warm_up(self, warm: int) -> tuple[Array, Array, Array]:
+        """u, q and dq at the physics steps of `warm` rows before the window and in it; before the recording nothing moves."""
+        motion = self.linear.motion
         at = self.windows.recording[:, None]
         earlier = self.windows.start[:, None] + np.arange(-warm, self.windows.length)
         clipped = np.maximum(earlier, 0)
@@ -168,19 +169,19 @@ class WindowPredictor:
     def _drive(self, joint: int, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Mean torque of each interval at one joint under `effects` on it, without and with dry friction's lead, shape (windows, intervals)."""
         motion = self.linear.motion
-        remembers = any(effect.remembers for effect in effects)
-        u, q, dq = (values[joint : joint + 1] for values in self._histories(remembers))
+        warm = self._warm(effects)
+        u, q, dq = (values[joint : joint + 1] for values in self._histories(warm))
         command, rubbing = driven([(effect, 0) for effect in effects], u, q, dq, motion.step, self.linear.offered[joint : joint + 1])
         now = early = self._means(command[0])
         for _, most in rubbing:
-            now, early = (torque - self._means(most * self._slides(joint, remembers, lead)) for torque, lead in ((now, False), (early, True)))
+            now, early = (torque - self._means(most * self._slides(joint, warm, lead)) for torque, lead in ((now, False), (early, True)))
         return now, early
 
-    def _slides(self, joint: int, remembers: bool, early: bool) -> Array:
-        """Which way a joint slides, as `sliding` has it, with the warm-up if something `remembers`."""
+    def _slides(self, joint: int, warm: int, early: bool) -> Array:
+        """Which way a joint slides, as `sliding` has it, `warm` rows before the windows and in them."""
         motion = self.linear.motion
         later = round(self.settings.lead / motion.step) if early else 0
-        return self._sliding.get((joint, remembers, early), lambda: sliding(self._histories(remembers)[2][joint], motion.spread[joint], later))
+        return self._sliding.get((joint, warm, early), lambda: sliding(self._histories(warm)[2][joint], motion.spread[joint], later))
 
     def _means(self, values: Array) -> Array:
         """Of each interval of the windows, shape (windows, intervals), of `values` at physics steps, shape (windows, steps); a warm-up is left out."""
@@ -188,17 +189,15 @@ class WindowPredictor:
         return np.asarray(values[:, -self.windows.length * steps :].reshape(len(values), -1, steps) @ np.full(steps, 1 / steps))
 
     def _signals(self) -> dict[str, Array]:
-        return dict(zip(("command", "q", "dq"), self._histories(False), strict=True))
+        return dict(zip(("command", "q", "dq"), self._histories(0), strict=True))
 
-    def _histories(self, remembers: bool) -> list[Array]:
-        """u, q and dq, shape (joints, windows, physics steps), with the warm-up if something `remembers`."""
-        if remembers not in self._stretches:
-            cut = slice(None) if remembers else slice(self._warm, None)
-            n = self._u.shape[-1]
-            self._stretches[remembers] = [
-                np.ascontiguousarray(np.moveaxis(values[:, cut], -1, 0).reshape(n, len(values), -1)) for values in (self._u, self._q, self._dq)
-            ]
-        return self._stretches[remembers]
+    def _histories(self, warm: int) -> list[Array]:
+        """u, q and dq, shape (joints, windows, physics steps), of `warm` rows before the windows and of these."""
+
+        def made() -> list[Array]:
+            return [np.ascontiguousarray(np.moveaxis(values, -1, 0).reshape(values.shape[-1], len(values), -1)) for values in self._with_warm_up(warm)]
+
+        return self._stretches.get(warm, made)
 
     def propagate(self, forcing: Array, defects: Array | float = 0.0) -> Array:
         """Errors after each row from torques `forcing` (windows, intervals, joints) and `defects`, shape (windows, rows, 2 j)."""

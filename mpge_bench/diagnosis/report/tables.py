@@ -89,11 +89,17 @@ def effects_table(effects: Sequence[FoundEffect]) -> list[dict[str, Any]]:
             "meaning": meaning(effect.effect),
             "target": effect.target,
             "signal": ", ".join(effect.depends_on),
-            "lines": [line for name, one in effect.parameters.items() for line in _parameter_lines(name.replace("_", " "), one)],
+            "lines": [line for name, one in effect.parameters.items() for line in _estimate_lines(name.replace("_", " "), one)],
             "confidence": percent(effect.confidence),
         }
         for effect in effects
     ]
+
+
+def _estimate_lines(name: str, one: Estimate) -> list[Line]:
+    """What is missing and, where that comes beside the rig's own, what there is in all."""
+    beside = one.total is not None and one.total != one.value
+    return [*_parameter_lines(name, one), *(_parameter_lines(f"{name} in all", Estimate(one.total, one.unit)) if beside else ())]
 
 
 def _parameter_lines(name: str, one: Estimate) -> list[Line]:

@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 
 def detectable(choice: Choice) -> tuple[Detectable, ...]:
-    """Size at which each effect would have been reported: significant among all candidates, and material."""
+    """Size, beyond what the rig itself says, at which each effect would have been reported: significant among all candidates, and material."""
     fitter, settings, chosen = choice.fitter, choice.problem.settings.choose, choice.chosen
     scale = float(np.mean(fitter.residual**2))
     beyond = choice.problem.settings.verdict.surely
@@ -29,9 +29,10 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
         name, parameter = next(iter(candidate.kind.parameters.items()))
         if not math.isfinite(parameter.neutral) or parameter.size != 1 or candidate.label in chosen.key:
             continue
+        absent = float(choice.problem.rig.absent(candidate.starts[:1])[0])
         shares = [_share(fitter, column, chosen.effects, needed) for column in fitter.columns(candidate, chosen.effects)]
-        sizes = [abs(float(getattr(start, name)) - parameter.neutral) * share for start, share in zip(candidate.starts, shares, strict=True)]
-        sizes = [size for size in sizes if size <= parameter.high - parameter.neutral]
+        sizes = [abs(float(getattr(start, name)) - absent) * share for start, share in zip(candidate.starts, shares, strict=True)]
+        sizes = [size for size in sizes if size <= parameter.high - absent]
         slide = choice.problem.rig.is_slide(candidate.target)
         if sizes:
             found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))

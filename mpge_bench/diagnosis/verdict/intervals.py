@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
+
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.verdict.result import Estimate, FoundEffect
@@ -48,17 +51,26 @@ def untold(model: Model) -> tuple[tuple[str, ...], ...]:
 
 def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float) -> tuple[FoundEffect, ...]:
     """What is reported of the chosen model: first what has a name."""
-    found = []
-    for effect, bounds in named:
-        parameters = {}
-        for name, parameter in effect.parameters.items():
-            value, many = getattr(effect, name), bounds[name]
-            low, high = (tuple(pair[side] for pair in many) if isinstance(value, tuple) else many[0][side] for side in (0, 1))
-            parameters[name] = Estimate(value, parameter.unit_of(slide=rig.is_slide(effect.target)), low, high)
-        found.append(FoundEffect(effect.name, effect.target, confidence, parameters))
+    found = [FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds)) for effect, bounds in named]
     for curve in curves:
         units = rig.units(curve.target)
         signal = {"command": units.force, "q": units.position, "dq": units.velocity}[curve.signal]
         parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, units.force)}
         found.append(FoundEffect(curve.name, curve.target, confidence, parameters, (curve.signal,)))
     return tuple(found)
+
+
+def _estimates(rig: Rig, effect: Effect, bounds: Intervals) -> dict[str, Estimate]:
+    """The parameters of `effect`: what is missing beside the rig's own where such effects add up, else what stands in its place."""
+    own, found = rig.own(effect), {}
+    for name, parameter in effect.parameters.items():
+        value = getattr(effect, name)
+        believed = np.array(getattr(own, name) if own is not None and effect.adds else 0.0)
+        ends = np.array(bounds[name] if isinstance(value, tuple) else bounds[name][0]).T
+        beside, low, high = (_plain(one - believed) for one in (np.array(value), *ends))
+        found[name] = Estimate(beside, parameter.unit_of(slide=rig.is_slide(effect.target)), low, high, None if own is None else value)
+    return found
+
+
+def _plain(value: npt.NDArray[np.float64]) -> float | tuple[float, ...]:
+    return tuple(value.tolist()) if value.ndim else float(value)

@@ -35,12 +35,18 @@ class Place:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted parameter with its 95% interval; the points of a curve have none."""
+    """A fitted parameter with its 95% interval; the points of a curve have none.
+
+    Attributes:
+        value: what is missing: beside the rig's own where two such effects add up, else in its place.
+        total: what the corrected rig has, where the rig has such an effect itself.
+    """
 
     value: Value
     unit: str
     low: Value = None
     high: Value = None
+    total: Value = None
 
 
 @dataclass(frozen=True)
@@ -287,14 +293,15 @@ def _effect_to_json(one: FoundEffect) -> dict[str, Any]:
     parameters = {}
     for name, estimate in one.parameters.items():
         bounds = {} if estimate.low is None and estimate.high is None else {"low": estimate.low, "high": estimate.high}
-        parameters[name] = {"value": estimate.value, **bounds, "unit": estimate.unit}
+        total = {} if estimate.total is None else {"total": estimate.total}
+        parameters[name] = {"value": estimate.value, **bounds, **total, "unit": estimate.unit}
     signals = {"depends_on": one.depends_on} if one.depends_on else {}
     return {"effect": one.effect, "target": one.target, "confidence": one.confidence, **signals, "parameters": parameters}
 
 
 def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
     parameters = {
-        name: Estimate(_value(one.get("value")), one.get("unit") or "", _bound(one, "low", -math.inf), _bound(one, "high", math.inf))
+        name: Estimate(_value(one.get("value")), one.get("unit") or "", _bound(one, "low", -math.inf), _bound(one, "high", math.inf), _value(one.get("total")))
         for name, one in data["parameters"].items()
     }
     return FoundEffect(data["effect"], data["target"], data.get("confidence"), parameters, tuple(data.get("depends_on") or ()))

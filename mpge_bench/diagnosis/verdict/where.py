@@ -94,6 +94,9 @@ def laws(problem: Problem, effects: Sequence[Effect]) -> tuple[Law, ...]:
         rows = {key: np.zeros((n, len(at))) for key in signals}
         rows[effect.goes_by][column] = at
         spread = np.full(n, settings.law_spread * max(float(np.ptp(at)), 1e-6))
-        torque = joint_torques([(effect, column)], rows["command"], rows["q"], rows["dq"], motion.step, spread)
-        found.append(Law(effect.name, effect.target, effect.goes_by, at, torque[column] - rows["command"][column]))
+        # What the simulator lacks, through which it is drawn, is what comes beside the rig's own.
+        own = problem.rig.own(effect)
+        chains = [(effect, column)], [] if own is None else [(own, column)]
+        torque, believed = (joint_torques(chain, rows["command"], rows["q"], rows["dq"], motion.step, spread)[column] for chain in chains)
+        found.append(Law(effect.name, effect.target, effect.goes_by, at, torque - believed))
     return tuple(found)

@@ -45,7 +45,7 @@ def summary(
         lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise ({p}).")
         lines.append(error)
     else:
-        lines += [effect.say(bounds, slide=rig.is_slide(effect.target)) for effect, bounds in named]
+        lines += [_said(rig, effect, bounds) for effect, bounds in named]
         lines += [curve.say({}, slide=rig.is_slide(curve.target)) for curve in curves]
         if not named and not curves:
             place = ", ".join(f"{one.name} ({100 * one.share:.0f}%, {one.regime})" for one in where[:2])
@@ -64,6 +64,12 @@ def summary(
     if cut:
         lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
     return tuple(lines)
+
+
+def _said(rig: Rig, effect: Effect, bounds: Intervals) -> str:
+    """What `effect` is, and what the rig says in its place."""
+    own, slide = rig.own(effect), rig.is_slide(effect.target)
+    return effect.say(bounds, slide=slide) if own is None else effect.say_instead(own, bounds, slide=slide)
 
 
 def chance(test: Screening) -> str:

@@ -38,7 +38,7 @@ def test_what_columns_make_up_of_a_change() -> None:
 def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Callable[..., Made]) -> None:
     _, fitter, candidates = made(Armature("hinge", 0.03))
     fit = fitter.fit([InertiaScale("arm", 1.5)])
-    chosen = Model(fit, 1.0, 1.0, 1.0, 1.0, 1, (), np.ones(1), 1.96)
+    chosen = Model(fit, 1.0, 1.0, 1.0, 1.0, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
     trials: Any = SimpleNamespace(problem=problem, candidates=candidates)
     found = twins(trials, chosen)

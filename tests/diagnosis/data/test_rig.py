@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
@@ -12,7 +13,19 @@ from hypothesis import strategies as st
 
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.hypotheses.candidates import candidate_targets
-from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, DcMotor, Effect, JointSpring, PositionServo, TorqueGain, UnknownTorque, ViscousFriction
+from mpge_bench.diagnosis.predict.torques import joint_torques
+from mpge_bench.envs.effects import (
+    CATALOGUE,
+    CoulombFriction,
+    DcMotor,
+    Delay,
+    Effect,
+    JointSpring,
+    PositionServo,
+    TorqueGain,
+    UnknownTorque,
+    ViscousFriction,
+)
 from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
 from mpge_bench.envs.errors import UserError
 
@@ -174,10 +187,27 @@ def test_a_corrected_rig_is_a_rig_with_more_effects(rig: Rig, data: st.DataObjec
     path = rig.path.parent / "corrected.yaml"
     path.write_text(yaml.safe_dump(rig.corrected(once, rig.model.path.name)))
     corrected = read_rig(path)
-    assert corrected.nominal == (*rig.nominal, *once)
+    assert corrected.chain() == rig.chain(once)
     assert (corrected.joints, corrected.modes, corrected.timestep, corrected.gravity) == (rig.joints, rig.modes, rig.timestep, rig.gravity)
     path.write_text(yaml.safe_dump(corrected.corrected(twice, rig.model.path.name)))
-    assert read_rig(path).nominal == (*rig.nominal, *once, *twice)
+    assert read_rig(path).chain() == corrected.chain(twice)
+
+
+def test_an_effect_stands_in_the_place_of_what_the_rig_says_of_the_same(tmp_path: Path) -> None:
+    listed = [Delay("elbow", 0.03), Delay("elbow", 0.01), TorqueGain("elbow", 0.8), UnknownTorque("elbow", "q", (0.0, 1.0), (0.0, 0.1))]
+    rig = read_rig(write_rig(tmp_path, effects=[ViscousFriction("elbow", 0.2).to_dict(), *(effect.to_dict() for effect in listed)]))
+    # What the rig lists goes before what its model says; delays add up, gains have one value, curves are beside each other.
+    assert rig.nominal == (ViscousFriction("shoulder", 0.3), ViscousFriction("elbow", 0.2), *listed)
+    assert rig.own(Delay("elbow", 0.02)) == Delay("elbow", 0.04)
+    assert rig.own(TorqueGain("elbow", 0.5)) == TorqueGain("elbow", 0.8)
+    assert rig.own(Delay("shoulder", 0.02)) is None
+    assert rig.own(listed[3]) is None
+    less = [ViscousFriction("elbow", 0.1), Delay("elbow", 0.02)]
+    assert rig.chain(less) == (less[1], listed[2], ViscousFriction("shoulder", 0.3), less[0], listed[3])
+    assert rig.joined([less[0]], ViscousFriction("elbow", 0.5), Delay("elbow", 0.5)) == (
+        less[0], *listed[:2], ViscousFriction("elbow", 0.5), Delay("elbow", 0.5),
+    )  # fmt: skip
+    assert rig.absent([*less, TorqueGain("shoulder", 0.9)]).tolist() == [0.2, 0.04, 1.0]
 
 
 def test_a_rig_with_an_empty_list_of_effects_can_be_corrected(tmp_path: Path) -> None:
@@ -205,3 +235,31 @@ def test_effects_act_on_what_they_can_act_on(tmp_path: Path) -> None:
     assert candidate_targets(rig, "sensor_bias") == ("shoulder", "elbow")
     assert candidate_targets(rig, "payload") == ("upper", "lower")
     assert candidate_targets(rig, "gravity") == ("world",)
+
+
+ADDING = sorted(name for name, kind in CATALOGUE.items() if kind.adds)
+#: A whole number of steps, so that delays are exact; the same for all, as each is in units of its own.
+PARTS = (0.004, 0.012)
+
+
+@pytest.mark.parametrize("name", ADDING)
+def test_two_that_add_up_are_one_of_their_sum(rig: Rig, name: str) -> None:
+    kind, target = CATALOGUE[name], candidate_targets(rig, name)[-1]
+    one, other, both = (kind(target, **dict.fromkeys(kind.parameters, (size,) * 3 if "vector" in kind.parameters else size)) for size in (*PARTS, sum(PARTS)))
+    at = np.linspace(0, 2, 400)
+    motion = np.stack([np.sin(3 * at), np.cos(2 * at)])
+
+    def of(*effects: Effect) -> list[np.ndarray]:
+        q, dq = motion.T.copy(), motion[::-1].T.copy()
+        for effect in effects:
+            effect.sense(q, dq, 1, 0.001)
+        chain = [(effect, 1) for effect in effects if effect.on == "joint"]
+        model = rig.changed(rig.joined((), *effects))
+        pushed = sum((np.array(force) for _, force in model.forces), np.zeros(3))
+        torques = joint_torques(chain, 0.05 * motion, motion, motion[::-1], 0.001, np.full(2, 0.1))
+        return [q, dq, torques, pushed, np.array(model.inertial("lower")[1]), np.array(rig.rotors(rig.joined((), *effects)))]
+
+    assert any(not np.array_equal(a, b) for a, b in zip(of(one), of(both), strict=True))
+    for two, sum_of_them in zip(of(one, other), of(both), strict=True):
+        # A late sensor's cubic between rows is not quite the motion.
+        assert two == pytest.approx(sum_of_them, abs=1e-4 if name == "sensor_delay" else 1e-12)

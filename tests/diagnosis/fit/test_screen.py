@@ -13,7 +13,7 @@ from scipy import stats
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.screen import screen
 from mpge_bench.envs.effects import Effect, TorqueBias, TorqueGain, TorqueLimit, ViscousFriction
-from mpge_bench.envs.effects.vector import parameters_of
+from mpge_bench.envs.effects.vector import parameters_of, with_parameters
 
 from ..conftest import Made
 
@@ -28,8 +28,10 @@ def test_the_true_effect_gains_most_and_is_fitted(made: Callable[..., Made], tru
     fitted = fitter.grow([], next(one for one in ranked if one.name == truth.name))
     assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.03)
     assert fitted.cost.sum() < fitter.fit([]).cost.sum() / 10
-    step = np.zeros_like(fitted.residuals)
-    assert fitted.jacobian.shape == (1, *step.shape)
+    # A tenth of the parameter further, the prediction changes by as much as the derivative says.
+    (effect,), by = fitted.effects, 0.1 * parameters_of(truth)[0]
+    moved = fitter.predictor.change([with_parameters(effect, [parameters_of(effect)[0] + by])]) - fitter.predictor.change([effect])
+    assert np.abs(fitted.jacobian[0] * by - moved).max() < 0.02 * np.abs(moved).max()
 
 
 def test_what_acts_on_few_windows_is_among_the_first(made: Callable[..., Made]) -> None:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
-from mpge_bench.envs.effects import CATALOGUE
+import pytest
 
-from ..conftest import Made
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.hypotheses.candidates import candidates
+from mpge_bench.envs.effects import CATALOGUE, Scale
+
+from ..conftest import Made, write_rig
 
 
 def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) -> None:
@@ -17,3 +22,16 @@ def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) 
     benchmark = {"attached_mass", "contact_friction", "dc_motor", "joint_damping", "latency", "link_size", "rotor_scale"}
     assert names == set(CATALOGUE) - {"position_servo", "unknown"} - benchmark
     assert {name for name, kind in CATALOGUE.items() if kind.sentence} == set(CATALOGUE) - {"unknown"} - benchmark
+
+
+def test_what_the_rig_has_itself_is_looked_for_in_both_directions(tmp_path: Path) -> None:
+    listed = [{"effect": "delay", "target": "elbow", "seconds": 0.03}, {"effect": "torque_gain", "target": "elbow", "gain": 0.9}]
+    rig = read_rig(write_rig(tmp_path, effects=listed))
+    scale = Scale(torque=2.0, limit=3.0, speed=1.0, top_speed=3.0, angle=0.5, inertia=0.05, mass=1.0, length=0.2, period=0.01, gravity=(0.0, 0.0, -9.81))
+    starts = {one.label: one.starts for one in candidates(rig, dict.fromkeys(rig.joints, scale))}
+    values = {name: [next(iter(effect.to_dict()[key] for key in effect.parameters)) for effect in starts[name]] for name in starts if "elbow" in name}
+    # The model's own damping is 0.05: less than that is 0 at the least.
+    assert values["viscous_friction:elbow"] == [0.25, 0.0]
+    assert values["delay:elbow"] == pytest.approx([0.034, 0.026, 0.042, 0.018, 0.06, 0.0, 0.09])
+    assert values["torque_gain:elbow"] == pytest.approx([0.8, 1.0])
+    assert values["lag:elbow"] == pytest.approx([0.004, 0.015, 0.05, 0.12])

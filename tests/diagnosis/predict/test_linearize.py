@@ -110,7 +110,7 @@ def test_a_start_that_is_off_is_followed_to_second_order(case: Case, channel: in
 EFFECTS: dict[str, Callable[[float], Effect]] = {
     "torque_gain": lambda size: TorqueGain("elbow", 1 - size),
     "torque_bias": lambda size: TorqueBias("shoulder", 0.5 * size),
-    "viscous_friction": lambda size: ViscousFriction("elbow", 0.05 * size),
+    "viscous_friction": lambda size: ViscousFriction("elbow", 0.05 * (1 + size)),
     "air_drag": lambda size: AirDrag("elbow", 0.01 * size),
     "joint_spring": lambda size: JointSpring("shoulder", 2 * size, 0.1),
     "armature": lambda size: Armature("elbow", 0.005 * size),

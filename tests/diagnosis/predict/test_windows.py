@@ -10,10 +10,11 @@ import pytest
 from scipy import stats
 
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import SensorDelay
+from mpge_bench.envs.effects import Delay, Effect, Lag, SensorDelay
 
 from ..conftest import record
 
@@ -43,3 +44,21 @@ def test_a_sensor_looks_back_as_far_as_it_is_late(rig: Rig) -> None:
     elbow, rows = rig.joints.index("elbow"), np.arange(100, 121)
     old = linear.motion.state[0, rows - round(0.3 / linear.motion.period), elbow]
     assert predictor.state[0, :, elbow] + late[0, :, elbow] == pytest.approx(old, abs=1e-6)
+
+
+@pytest.mark.parametrize("effect", [Lag("elbow", 0.1), Lag("elbow", 1.0), Delay("elbow", 0.3), Delay("elbow", 0.9)])
+def test_hidden_states_are_warmed_up_for_as_long_as_they_remember(rig: Rig, effect: Effect) -> None:
+    recording, first = record(rig, [effect], seconds=5.0), 450
+    linear = reference(rig, [recording])
+    stride = linear.motion.stride
+    windows = Windows(np.array([0]), np.array([first // stride]), 20)
+    along = linear.torques([effect])[0, first // stride :][:20]
+    # A hundredth of how far it was off at the beginning may be left, and smoothed motion is not the motion.
+    assert WindowPredictor(linear, windows, linear.motion.sigma).torques([effect])[0] == pytest.approx(along, abs=0.02 * np.abs(recording.u).max())
+    rows = first + stride * np.arange(21)[None]
+    state = np.column_stack((recording.q, recording.dq))
+    predicted = SimulatedWindows(rig, [recording], np.array([0]), rows).predict([effect], state[rows[:, 0]], [state])
+    assert predicted is not None
+    still = SimulatedWindows(rig, [recording], np.array([0]), rows).predict([], state[rows[:, 0]], [state])
+    assert still is not None
+    assert np.abs(predicted[0] - state[rows[0]]).max() < 0.03 * np.abs(still[0] - state[rows[0]]).max()

@@ -226,6 +226,16 @@ def test_what_is_not_told_has_no_interval_but_a_name():
     assert DiagnosisResult.from_json(json.loads(json.dumps(result.to_json())), result.evidence).effects == result.effects
 
 
+def test_what_comes_beside_the_rigs_own_is_shown_with_what_there_is_in_all() -> None:
+    effect = FoundEffect("viscous_friction", "elbow", 0.9, {"damping": Estimate(-0.31042, "N m s/rad", -0.33021, -0.29113, total=0.18958)})
+    result = dataclasses.replace(_explained(), effects=(effect,))
+    text = " ".join(_read(report_html(result)).text.split())
+    assert "damping −0.310 −0.330 −0.291 N m s/rad damping in all 0.1896 – – N m s/rad" in text
+    stored = json.loads(json.dumps(result.to_json()))
+    assert stored["effects"][0]["parameters"]["damping"]["total"] == 0.18958
+    assert DiagnosisResult.from_json(stored, result.evidence).effects == result.effects
+
+
 def test_unexplained_shows_the_empirical_curve():
     page = _read(report_html(_unexplained()))
     assert "Mismatch not explained" in page.text

@@ -12,8 +12,9 @@ def test_the_experiment_is_found_whichever_effect_has_it() -> None:
 
 
 def test_what_both_have_is_left_out() -> None:
-    both = {"torque_gain:elbow", "air_drag:elbow"}
-    assert "phase" not in experiment(frozenset({"delay:elbow"} | both), frozenset({"lag:elbow"} | both))
+    # These two would be told apart by another experiment, and come first.
+    both = {"coulomb_friction:elbow", "load_friction:elbow"}
+    assert "two different loads" in experiment(frozenset({"coulomb_friction:elbow"}), frozenset({"load_friction:elbow"}))
     assert "a lag lowers it" in experiment(frozenset({"delay:elbow"} | both), frozenset({"lag:elbow"} | both))
 
 
