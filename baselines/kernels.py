@@ -11,15 +11,14 @@ and no other; so constants of other modules come in as arguments.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.envs.compiled import compiled
+
 Array = npt.NDArray[Any]
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 #: tanh as a quotient of polynomials, as in Eigen: exact to three units in the last place, and several times faster than the C library's. Odd coefficients
 #: 1 to 13 above, even ones 0 to 6 below; beyond the bound it is ±1 in float32.
@@ -29,14 +28,6 @@ _A9, _A11, _A13 = np.float32(-8.60467152213735e-11), np.float32(2.00018790482477
 _B0, _B2, _B4, _B6 = np.float32(4.89352518554385e-03), np.float32(2.26843463243900e-03), np.float32(1.18534705686654e-04), np.float32(1.19825839466702e-06)
 _ONE, _HALF = np.float32(1), np.float32(0.5)
 _LOG_ROOT_TWO_PI = np.float32(0.5 * math.log(2 * math.pi))
-
-
-def compiled(function: Function) -> Function:
-    """`function` as numba compiles it, kept on disk where that is possible."""
-    try:
-        return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:  # neither this folder nor the user's cache can be written
-        return cast(Function, numba.njit(error_model="numpy")(function))
 
 
 @compiled

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.predict.fast.compiled import compiled
 from mpge_bench.diagnosis.predict.fast.trees import again, solve
+from mpge_bench.envs.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -109,17 +109,6 @@ def _times(a: Array, b: Array, out: Array) -> None:
             total = 0.0
             for k in range(a.shape[1]):
                 total += a[i, k] * b[k, j]
-            out[i, j] = total
-
-
-@compiled
-def _times_turned(a: Array, b: Array, out: Array) -> None:
-    """a bᵀ."""
-    for i in range(a.shape[0]):
-        for j in range(b.shape[0]):
-            total = 0.0
-            for k in range(a.shape[1]):
-                total += a[i, k] * b[j, k]
             out[i, j] = total
 
 
@@ -224,7 +213,7 @@ def _filtered(
                     moved[i] += a[r, k, i, j] * e[j]
             e[:] = moved
             _times(a[r, k], p, product)
-            _times_turned(product, a[r, k], p)
+            _times(product, a[r, k].T, p)
             for i in range(size):
                 for j in range(size):
                     p[i, j] += noise[r, k, i, j]
@@ -307,7 +296,7 @@ def _smoothed(a: Array, rows: Indices, after_e: Array, after_p: Array, before_e:
                     for i in range(1, size):
                         again(factor, back[i])
                     _times(back, change, product)
-                    _times_turned(product, back, p)
+                    _times(product, back.T, p)
                     for i in range(size):
                         e[i] = after_e[k, r, i]
                         for j in range(size):

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.predict.fast.compiled import compiled
 from mpge_bench.diagnosis.predict.fast.laws import Indices, Program, delivered, has_law, written
 from mpge_bench.diagnosis.predict.fast.trees import FlatTree, dynamics, flat_tree, hold, solve, workspace
+from mpge_bench.envs.compiled import compiled
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.predict.fast.compiled import compiled
+from mpge_bench.envs.compiled import compiled
 from mpge_bench.envs.dynamics import body_parameters
 from mpge_bench.envs.model import Model
 
