@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 import torch
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
@@ -76,18 +75,6 @@ class MPGSettings(RolloutSettings):
     ensemble: int = 1
 
 
-class _StepReport(BaseCallback):
-    """Tells `advance` of every step of `worlds` worlds."""
-
-    def __init__(self, advance: Advance, worlds: int) -> None:
-        super().__init__()
-        self.advance, self.worlds = advance, worlds
-
-    def _on_step(self) -> bool:
-        self.advance(self.worlds)
-        return True
-
-
 def ground(
     source: Callable[[], RobotEnv],
     rollouts: PolicySet,
@@ -121,13 +108,13 @@ def ground(
     # 1: πg with its K value heads, and one discriminator for all.
     learner = LEARNERS[settings.algorithm](mdp, settings, seed)
     learner.set_logger(configure(str(log_dir), ["tensorboard"]))
-    _, callback = learner._setup_learn(settings.steps, _StepReport(advance, settings.worlds))
+    learner._setup_learn(settings.steps)
     learner.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
     discriminator = Discriminator(target, settings.discriminator, generator, shares)
     checkpoints: dict[int, dict[str, Array]] = {}
     for batch in range(1, _batches(settings) + 1):  # 3
         # 4-12: roll the current policies out in the grounded source.
-        learner.collect_rollouts(mdp, callback, learner.rollout_buffer, learner.n_steps)
+        learner.collect(advance)
         transitions, member = mdp.take_transitions()
         # 13: the discriminator's ascent.
         for _ in range(settings.discriminator_passes):

@@ -2,23 +2,67 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import torch
 from sb3_contrib import TRPO
 from stable_baselines3 import PPO
+from stable_baselines3.common.distributions import kl_divergence
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.transformation import TransformationPolicy
+from mpge_bench.baselines.policy import PolicySet, arrays
+from mpge_bench.baselines.workers import Advance
 
 if TYPE_CHECKING:
     from mpge_bench.baselines.mpg import GroundingSettings
 
 
-class TrustRegion(TRPO):
+#: The Fisher matrix is that of every so manieth step of a batch: its product with a vector, fifteen a batch, takes most of TRPO's time, and a part of the
+#: batch tells it well enough (Schulman et al. 2015, appendix C, take a tenth).
+_FISHER_EVERY = 4
+
+
+class _Learner(OnPolicyAlgorithm):
+    """What both have in common: how πg acts."""
+
+    grounding: GroundingSettings
+    noise: np.random.Generator
+
+    def collect(self, advance: Advance) -> None:
+        """Fill the rollout buffer with a batch, but for rewards, which are 0; `advance` is told of control steps done.
+
+        As stable-baselines3's `collect_rollouts`, which asks torch for actions, probabilities and values in every step. Here the actions are compiled code's
+        and the others are worked out at the end, all at once.
+        """
+        mdp, buffer = self.env, self.rollout_buffer
+        assert mdp is not None
+        acting = PolicySet([arrays(self.policy.state_dict())], float(mdp.action_space.high[0]))  # type: ignore[attr-defined]
+        member = np.zeros(mdp.num_envs, int)
+        buffer.reset()
+        for step in range(self.n_steps):
+            buffer.observations[step], buffer.episode_starts[step] = self._last_obs, self._last_episode_starts
+            mean, std = acting.distribution(np.asarray(self._last_obs)[:, :-1], member)
+            buffer.actions[step] = mean + std * self.noise.standard_normal(mean.shape)
+            self._last_obs, _, self._last_episode_starts, infos = mdp.step(np.clip(buffer.actions[step], -acting.limit, acting.limit))  # type: ignore[assignment]
+            self._update_info_buffer(infos)
+            advance(mdp.num_envs)
+        with torch.no_grad():
+            flat = (torch.as_tensor(values.reshape(-1, values.shape[-1])) for values in (buffer.observations, buffer.actions))
+            values, log_probabilities, _ = self.policy.evaluate_actions(*flat)
+        buffer.values[:], buffer.log_probs[:] = (found.numpy().reshape(buffer.values.shape) for found in (values, log_probabilities))
+        buffer.pos, buffer.full = self.n_steps, True
+        self.num_timesteps += buffer.values.size
+
+
+class TrustRegion(TRPO, _Learner):
     """TRPO with the figures of MPGE's appendix."""
 
     def __init__(self, mdp: AugmentedMDP, settings: GroundingSettings, seed: int) -> None:
-        self.grounding = settings
+        self.grounding, self.noise = settings, np.random.default_rng((seed, 1))
         super().__init__(
             batch_size=settings.batch_size // 4,
             cg_max_steps=15,
@@ -32,12 +76,20 @@ class TrustRegion(TRPO):
         """Go on with this share of the largest step there is."""
         self.target_kl = share * self.grounding.target_kl
 
+    def _compute_actor_grad(self, kl_div: torch.Tensor, policy_objective: torch.Tensor) -> Any:
+        """stable-baselines3's, with the divergence, whose curvature is the Fisher matrix, of a part of the batch."""
+        some = torch.as_tensor(self.rollout_buffer.observations[::_FISHER_EVERY])
+        with torch.no_grad():
+            before = copy.copy(self.policy.get_distribution(some))
+        kl_div = kl_divergence(self.policy.get_distribution(some), before).mean()
+        return super()._compute_actor_grad(kl_div, policy_objective)
 
-class ClippedRatio(PPO):
+
+class ClippedRatio(PPO, _Learner):
     """PPO."""
 
     def __init__(self, mdp: AugmentedMDP, settings: GroundingSettings, seed: int) -> None:
-        self.grounding = settings
+        self.grounding, self.noise = settings, np.random.default_rng((seed, 1))
         super().__init__(
             batch_size=settings.batch_size // settings.minibatches,
             n_epochs=settings.epochs,
