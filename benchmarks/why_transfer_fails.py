@@ -5,7 +5,7 @@
     python benchmarks/why_transfer_fails.py planned --gains 0 --gains 0.1
 
 Each study writes its figures to leaderboard/studies/ and its table into the page, between the marks that bear its name. Studies take minutes to hours of one
-core; nothing of it chooses among methods on test pairs.
+core, and write after each row what there is; nothing of it chooses among methods on test pairs.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def groundings(task: _TASK = "broken_hopper", samples: int = 1000, seeds: int = 
     rows = []
     for (name, changes), seed in track(list(itertools.product(variants.items(), range(seeds))), "groundings"):
         rows.append({"grounding": name, "seed": seed} | _grounded(task, samples, seed, tuple(changes)))
-    _write("groundings", rows, 3)
+        _write("groundings", rows, 3)
 
 
 def _grounded(task: str, samples: int, seed: int, changes: tuple[str, ...]) -> dict[str, float]:
@@ -139,7 +139,7 @@ def planned(task: _TASK = "broken_hopper", gains: Annotated[list[float], typer.O
         error = gain * float(np.abs(rng.uniform(-1, 1, 10_000)).mean()) * get_task(task).robot.action_limit
         there, here = (returns(_at(task, one).target, policy).mean for one in (gain, 0.0))
         rows.append({"gain in the grounding": gain, "action error": error, "return in the grounding": round(there), "return in the target": round(here)})
-    _write("planned", rows, 3)
+        _write("planned", rows, 3)
 
 
 if __name__ == "__main__":
