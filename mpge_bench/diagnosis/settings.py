@@ -30,6 +30,9 @@ class DataSettings:
     )
     degree_excess: float = _setting(5.0, "times", "angles as they are must lack clearly more torque than angles turned")
     degree_beyond: float = _setting(3.0, "times", "and clearly more than commands and gravity give")
+    degree_resolved: float = _setting(
+        0.25, "share of the accelerations", "that smoothing over half as many rows changes: beyond it, they are not known"
+    )
     quotient: float = _setting(1e-4, "share of the spread of dq", "a difference quotient agrees to rounding; a measurement does not")
     late: float = _setting(0.003, "s", "a filter's or a clock's lag; less is within what rows of 5 ms tell")
     late_steps: float = _setting(2.0, "physics steps", "simulators themselves are a step ahead or behind")

@@ -112,6 +112,10 @@ def _too_fast(recording: Recording, rig: Rig, column: int, settings: DataSetting
             torques -= np.nan_to_num(servo.kp * (recording.u[:, column] - q[:, column]) - servo.kd * dq[:, column])
         return float(np.std(torques))
 
+    # Motion too fast for the rows has accelerations that nobody knows, and may seem to lack anything.
+    known, finer = (differentiate(recording, one)[2][:, column] for one in (settings, replace(settings, smoothing=settings.smoothing / 2)))
+    if np.std(finer - known) > settings.degree_resolved * np.std(known):
+        return False
     would = lacking(turned)
     return would < settings.degree_torque * available and lacking(motion) > max(settings.degree_excess * would, settings.degree_beyond * available)
 

@@ -261,3 +261,19 @@ def test_recordings_are_found_by_pattern(tmp_path: Path) -> None:
     assert [path.name for path in found] == ["train_1.csv", "train_2.csv", "test.csv"]
     with pytest.raises(UserError, match=r"valid_\*.csv: no such recording"):
         find_recordings([f"{tmp_path}/valid_*.csv"])
+
+
+def test_what_whips_about_too_fast_for_its_rows_is_not_suspected(tmp_path: Path) -> None:
+    """A shoulder flung round by a free elbow: their accelerations, from positions 10 ms apart, seem to ask for more than there is."""
+    path = write_rig(tmp_path, joints={"shoulder": {"mode": "torque"}, "elbow": {"mode": "passive"}})
+    (tmp_path / "arm.urdf").write_text(ARM.replace('damping="0.3"', 'damping="0.0"').replace('damping="0.05"', 'damping="0.0"'))
+    rig = read_rig(path)
+    world, rng = rig.world(substeps=10), np.random.default_rng(0)
+    world.set_state([0.0, 0.0], [8.0, 60.0])
+    time = 0.01 * np.arange(400)
+    u = np.column_stack((3.0 * np.sign(np.sin(6 * time)), np.zeros(400)))
+    q, dq = world.roll(u)
+    assert np.ptp(q[:, 0]) > 20
+    spun = Recording(tmp_path / "recording.csv", time, u, q + 1e-3 * rng.standard_normal(q.shape), np.full_like(dq, np.nan))
+    write_table(table(spun, rig), spun.path)
+    read_recordings([spun.path], rig)
