@@ -40,16 +40,6 @@ class Layout:
         """Number of velocities, and of directions in which a configuration can change."""
         return BASE_DQ * self.floating + self.joints
 
-    @property
-    def joint_q(self) -> slice:
-        """The joints' part of q."""
-        return slice(self.nq - self.joints, self.nq)
-
-    @property
-    def joint_dq(self) -> slice:
-        """The joints' part of dq."""
-        return slice(self.nv - self.joints, self.nv)
-
     def q(self, state: Array) -> Array:
         """The coordinates of states (q, dq), whose last axis is nq + nv long; a view."""
         return state[..., : self.nq]

@@ -44,4 +44,3 @@ def test_parts_are_where_the_world_has_them(pair: str) -> None:
     state = layout.state(world.q, world.dq)
     assert np.array_equal(layout.q(state), world.q)
     assert np.array_equal(layout.dq(state), world.dq)
-    assert world.q[layout.joint_q].size == world.dq[layout.joint_dq].size == len(world.joints)
