@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,8 @@ def collect(folder: Path) -> pd.DataFrame:
     """One row a result found anywhere under `folder`, with where it lies; another for the oracle's choice where there is one.
 
     Raises:
-        UserError: if results are of an earlier protocol, or results of one pair were made with different physics.
+        UserError: if results are of an earlier protocol, or results of one pair were made with different physics, or
+            runs of one method and variant with different settings.
     """
     rows: list[dict[str, Any]] = []
     old: list[Path] = []
@@ -59,6 +60,7 @@ def collect(folder: Path) -> pd.DataFrame:
     found = pd.DataFrame(rows)
     if len(found):
         _check_physics(found)
+        _check_settings(found)
     return found
 
 
@@ -81,7 +83,17 @@ def _row(result: dict[str, Any]) -> dict[str, Any]:
         "minutes": result["wall_clock_s"]["total"] / 60,
         **{f"episode_{share}": _number(learnt.get(share)) for share in SHARES},
         "physics": tuple(sorted(result["fingerprints"].items())),
+        "settings": tuple(sorted(_leaves(result["settings"]))),
     }
+
+
+def _leaves(settings: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+    """Every setting by its dotted key, as text."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{path}{name}.")
+        else:
+            yield path + name, str(value)
 
 
 def _number(value: float | None) -> float:
@@ -111,6 +123,17 @@ def _check_physics(found: pd.DataFrame) -> None:
             raise UserError(f"results of {task} differ in their physics and do not compare: {each}; remove those of the older physics and run again")
         stale = group[group["physics"] != tuple(sorted(today.items()))]
         raise UserError(f"results of {task} differ in their physics and do not compare; remove these, which are not of today's, and run again: {_runs(stale)}")
+
+
+def _check_settings(found: pd.DataFrame) -> None:
+    """Raise a UserError where runs that differ by seed alone in name have different settings: a preset has changed since some of them."""
+    for _, group in found.groupby(["task", "address", "method", "samples", "variant"]):
+        if group["settings"].nunique() == 1:
+            continue
+        alike: list[tuple[Any, pd.DataFrame]] = list(group.groupby("settings", sort=False))
+        key = min(set(alike[0][0]) ^ set(alike[1][0]))[0]
+        each = "; ".join(f"{_runs(runs)} ({key} {dict(settings).get(key, 'not there')})" for settings, runs in alike)
+        raise UserError(f"results of {group['task'].iloc[0]} differ in their settings and are no runs of one method: {each}; remove those of the older preset")
 
 
 def _runs(found: pd.DataFrame) -> str:

@@ -88,3 +88,18 @@ def test_perfect_is_the_interquartile_mean_of_runs_with_the_preset_as_it_is(tmp_
     write_result(tmp_path / "other/result.json", 0.0, method="perfect", variant="smoke+agent.steps=1", fingerprints=NEW)
     (found,) = perfect(collect(tmp_path)).values()
     assert (found.mean, found.normalized, found.seeds, found.fingerprints) == (pytest.approx(9.0), pytest.approx(0.9), 5, NEW)
+
+
+def test_runs_that_differ_in_more_than_their_seed_are_no_sample(tmp_path, write_result):
+    """A preset may have changed between two runs of one name."""
+    for seed, steps in enumerate((600, 600, 1800)):
+        write_result(tmp_path / f"{seed}/result.json", 0.5, seed=seed, settings={"agent": {"gamma": 0.9, "steps": steps}})
+    each = r"m/n10/smoke/seed0\+1 \(agent\.steps 600\); m/n10/smoke/seed2 \(agent\.steps 1800\);"
+    with pytest.raises(UserError, match=rf"^results of t differ in their settings and are no runs of one method: {each}"):
+        collect(tmp_path)
+
+
+def test_runs_of_other_names_may_have_other_settings(tmp_path, write_result):
+    for number, other in enumerate(({"method": "n"}, {"samples": 20}, {"variant": "smoke+x=1"}, {"task": "u"}, {})):
+        write_result(tmp_path / f"{number}/result.json", 0.5, settings={"x": number}, **other)
+    assert len(collect(tmp_path)) == 5
