@@ -32,39 +32,35 @@ Weights = Mapping[str, Array]
 class AgentSettings(PPOSettings):
     """Hyperparameters of an agent that learns by PPO, and how its policy is chosen, by returns where it learns and nowhere else.
 
-    One run of PPO may end with a gait that stands still or with a bad last batch. So the budget is cut into rounds of fewer and fewer agents: those of the
-    first start from several source policies; in each later round go on the best that came of as many of them, each of another origin, with fresh noise and
-    a fresh learning rate (successive halving, Jamieson & Talwalkar 2016). Standing still is learnt first and pays more than a gait that is half learnt, so
-    that the best of a round may be a dead end: no round bets on one alone.
+    One run of PPO may end with a gait that stands still or with a bad last batch. So the budget is cut into rounds: agents of the first start from several
+    source policies; in the next the best that came of each of these goes on, as far as there are finalists, with fresh noise and a fresh learning rate; then
+    half as many origins do, each with more agents (successive halving, Jamieson & Talwalkar 2016). Where all went on from the one best policy at once, one
+    seed of five stayed where it stood. The more agents a round has, the fewer steps has each.
 
     Attributes:
-        steps: control steps, evaluations apart; rounds share them alike, and the agents of a round what it has. With 0 a transfer ends with the grounding:
-            the policy stays the one it starts from.
-        agents: how many each round has, never more than the one before. Those of the first start from source policies number 0, 1, ... of the run.
+        steps: control steps of a round, which its agents share. With 0 a transfer ends with the grounding: the policy stays the one it starts from.
+        rounds: how many follow each other.
+        candidates: agents of the first round, which start from source policies number 0, 1, ... of the run.
+        finalists: agents of a later round; in the second each comes of another agent of the first.
         checkpoints: how many are compared of an agent in a round, at equal distances, the last at its end.
         episodes: that a comparison plays with each, mean actions, the same ones for all.
     """
 
     steps: int
-    agents: tuple[int, ...] = (1,)
+    rounds: int = 1
+    candidates: int = 1
+    finalists: int = 1
     checkpoints: int = 1
     episodes: int = 10
 
     def __post_init__(self) -> None:
-        if min((0, *self.agents)[-1], self.checkpoints, self.episodes) < 1:
-            raise UserError("settings agents, checkpoints and episodes take 1 or more")
-        if any(after > before for before, after in itertools.pairwise(self.agents)):
-            raise UserError(f"setting agents is {list(self.agents)}: no round may have more agents than the one before")
+        if min(self.rounds, self.candidates, self.finalists, self.checkpoints, self.episodes) < 1:
+            raise UserError("settings rounds, candidates, finalists, checkpoints and episodes take 1 or more")
 
     @property
     def compares(self) -> bool:
         """Whether there is anything to choose from."""
-        return max(*self.agents, len(self.agents), self.checkpoints) > 1
-
-    @property
-    def round_steps(self) -> int:
-        """Control steps of a round."""
-        return self.steps // len(self.agents)
+        return max(self.rounds, self.candidates, self.checkpoints) > 1
 
 
 @dataclass(frozen=True)
@@ -88,7 +84,7 @@ class Learnt:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where agents learn; it can be pickled.
+    """Where candidates learn; it can be pickled.
 
     Attributes:
         make: makes a world.
@@ -104,16 +100,16 @@ class _Place:
     seed: int
     log_dir: Path | None
 
-    def learn(self, turn: int, number: int, share: int, start: Weights | None, origin: int, advance: Advance) -> Learnt:
+    def learn(self, turn: int, candidate: int, share: int, start: Weights | None, origin: int, advance: Advance) -> Learnt:
         """What an agent of round number `turn` learns in its `share` of steps: the best of its checkpoints, or its last weights if nothing is compared."""
         settings = self.settings
-        log = self.log_dir / f"round_{turn}_agent_{number}" if self.log_dir else None
+        log = self.log_dir / f"round_{turn}_candidate_{candidate}" if self.log_dir else None
         best, value, evaluated = None, -np.inf, 0
         curve: list[tuple[int, int, float, int]] = []
         # A copy: a transformation that draws noise shall draw the same whichever process this is.
-        worlds = Worlds(self.make, settings.worlds, _mixed(self.seed, turn, number, 0), copy.deepcopy(self.transformation))
+        worlds = Worlds(self.make, settings.worlds, _mixed(self.seed, turn, candidate, 0), copy.deepcopy(self.transformation))
         with closing(worlds):
-            agent = PPO(worlds, settings, _mixed(self.seed, turn, number, 1), start=start, log_dir=log)
+            agent = PPO(worlds, settings, _mixed(self.seed, turn, candidate, 1), start=start, log_dir=log)
             for index in range(settings.checkpoints):
                 until = share * (index + 1) // settings.checkpoints
                 if until <= agent.steps:
@@ -123,7 +119,7 @@ class _Place:
                     weights = agent.state()
                     found, steps = self.play(weights, agent.limit)
                     evaluated += steps
-                    curve.append((turn, agent.steps, found, number))
+                    curve.append((turn, agent.steps, found, candidate))
                     if found > value:
                         best, value = weights, found
             return Learnt(best or agent.state(), value, agent.steps + evaluated, curve, origin)
@@ -164,7 +160,7 @@ def learn(
         make: makes a world; can be pickled, as the transformation can.
         settings: hyperparameters.
         seed: of everything random.
-        starts: weights that agents of the first round start from in turn, their input statistics then kept; None starts from scratch.
+        starts: weights that candidates of the first round start from in turn, their input statistics then kept; None starts from scratch.
         transformation: what the worlds make of actions.
         progress: told of the stages, called `what`.
         log_dir: where TensorBoard curves go.
@@ -175,15 +171,16 @@ def learn(
         compile_ahead()
     place = _Place(make, transformation, settings, seed, log_dir)
     found: list[Learnt] = []
-    begins = [(starts[number % len(starts)], number) for number in range(settings.agents[0])]
-    with Crew(min(jobs, settings.agents[0])) as crew:
-        for turn, count in enumerate(settings.agents):
-            begins = [(one.weights, one.origin) for one in _best_of_each(found)[:count]] if turn else begins
-            progress.stage(f"{what}, round {turn + 1} of {len(settings.agents)}" if len(settings.agents) > 1 else what, settings.round_steps)
-            calls = [(turn, number, settings.round_steps // count, *begin) for number, begin in enumerate(begins)]
+    begins = [(starts[number % len(starts)], number) for number in range(settings.candidates)]
+    with Crew(min(jobs, max(settings.candidates, settings.finalists))) as crew:
+        for turn in range(settings.rounds):
+            progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
+            calls = [(turn, number, settings.steps // len(begins), *begin) for number, begin in enumerate(begins)]
             found += crew.side_by_side(place.learn, calls, progress.advance)
-    best = _best_of_each(found)[0]
-    return replace(best, steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
+            best = _best_of_each(found)
+            kept = best[: max(1, settings.finalists >> turn)]
+            begins = [(one.weights, one.origin) for one in itertools.islice(itertools.cycle(kept), settings.finalists)]
+    return replace(best[0], steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
 
 
 def _best_of_each(found: Sequence[Learnt]) -> list[Learnt]:

@@ -39,7 +39,7 @@ def policy_path(task: Task, kind: str, seed: int, folder: Path = FOLDER) -> Path
 
 @dataclass(frozen=True, kw_only=True)
 class PolicySettings(AgentSettings):
-    """How a shipped policy is made; the first round of a target-optimal one has as many agents as there are places to start from.
+    """How a shipped policy is made; `candidates` counts for source policies alone, since target-optimal ones start from all that there is.
 
     Attributes:
         least: return in the source below which a source policy is dropped and another seed is tried: one that stands still cannot do the task.
@@ -103,7 +103,7 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
 
 
 def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
-    """The best of several agents that learn from scratch; if it returns less than the robot's `least`, the seed five further on is tried."""
+    """The best of several candidates that learn from scratch; if it returns less than the robot's `least`, the seed five further on is tried."""
     dropped: dict[int, float] = {}
     while True:
         found = learn(task.source, settings, seed, progress=progress, what=f"{task.robot.name} source policy, seed {seed}", jobs=jobs)
@@ -116,12 +116,12 @@ def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
 def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
     """The best of agents that start from every source policy and from scratch, learning on while doubling pays."""
     starts: list[Weights | None] = [*load_set(task, "source", folder).weights, None]
-    settings = replace(settings, agents=(len(starts), *settings.agents[1:]))
+    settings = replace(settings, candidates=len(starts))
     what = f"{task.name} target policy, seed {seed}"
     best = learn(task.target, settings, seed, starts=starts, progress=progress, what=what, jobs=jobs)
-    compared, steps, rounds = [list(point) for point in best.curve], best.steps, len(settings.agents)
+    compared, steps, rounds = [list(point) for point in best.curve], best.steps, settings.rounds
     for doubling in range(settings.doublings):
-        onward = replace(settings, steps=settings.round_steps * rounds, agents=(settings.agents[-1],) * rounds)
+        onward = replace(settings, rounds=rounds, candidates=settings.finalists)
         more = learn(task.target, onward, seed + 1000 * (doubling + 1), starts=[best.weights], progress=progress, what=f"{what}, doubled", jobs=jobs)
         compared += [[rounds + turn, *point] for turn, *point in more.curve]
         steps, rounds = steps + more.steps, 2 * rounds
@@ -132,15 +132,15 @@ def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
 
 
 def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
-    """One that learns where it also pays to be where those before it are undecided: one agent in one round, whose last weights are kept."""
-    progress.stage(f"{task.robot.name} er policy, seed {seed}", settings.round_steps)
+    """One that learns where it also pays to be where those before it are undecided: one candidate, whose last weights are kept."""
+    progress.stage(f"{task.robot.name} er policy, seed {seed}", settings.steps)
     size = (task.robot.observation_size, len(task.robot.actuators))
     earlier = [arrays(load_state(policy_path(task, "er", one, folder), *size)) for one in range(seed)]
     limit = task.robot.action_limit
     made = DiverseWorlds(task.source, settings.worlds, seed, PolicySet(earlier, limit), DIVERSITY) if earlier else Worlds(task.source, settings.worlds, seed)
     with closing(made) as worlds:
         agent = PPO(worlds, settings, seed)
-        agent.learn(settings.round_steps, settings.round_steps, progress.advance)
+        agent.learn(settings.steps, settings.steps, progress.advance)
     return _Made(agent.state(), [], agent.steps, seed, {})
 
 

@@ -1,4 +1,4 @@
-"""Learning a policy: rounds of agents, checkpoints, and what they start from."""
+"""Learning a policy: candidates, checkpoints, and what they start from."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mpge_bench.envs.errors import UserError
 
 TASK = get_task("biased_pendulum")
 SETTINGS = AgentSettings(steps=192, worlds=2, rollout_steps=32, batch_size=64, epochs=2, initial_std=0.3, episodes=2)
-CHOOSING = dataclasses.replace(SETTINGS, steps=768, agents=(3, 2), checkpoints=2)
+CHOOSING = dataclasses.replace(SETTINGS, steps=384, rounds=2, candidates=3, finalists=2, checkpoints=2)
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_the_best_of_each_start_goes_on_and_the_best_of_all_is_kept(pendulum_pol
     assert all(one is starts[number % len(starts)] for number, one in enumerate(begun[:3]))
     best = sorted(max(point[2:] for point in found.curve if point[0] == 0 and point[3] == one) for one in range(3))[::-1]
     for start, (value, origin) in zip(begun[3:], best[:2], strict=True):
-        alone = dataclasses.replace(CHOOSING, agents=(3,))
+        alone = dataclasses.replace(CHOOSING, rounds=1)
         one = agent._Place(TASK.source, None, alone, 0, None).learn(0, origin, 128, starts[origin % len(starts)], origin, lambda steps: None)
         assert one.value == value
         for name, weight in one.weights.items():
@@ -89,18 +89,13 @@ def test_the_result_does_not_depend_on_the_number_of_processes(pendulum_policies
         np.testing.assert_array_equal(weight, two.weights[name], err_msg=name)
 
 
-@pytest.mark.parametrize("wrong", [{"agents": ()}, {"agents": (2, 0)}, {"checkpoints": 0}, {"episodes": 0}])
-def test_settings_that_make_no_sense_are_one_line(wrong):
-    with pytest.raises(UserError, match=r"^settings agents, checkpoints and episodes take 1 or more$"):
-        dataclasses.replace(CHOOSING, **wrong)
+@pytest.mark.parametrize("name", ["rounds", "candidates", "finalists", "checkpoints", "episodes"])
+def test_settings_that_make_no_sense_are_one_line(name):
+    with pytest.raises(UserError, match="take 1 or more"):
+        dataclasses.replace(CHOOSING, **{name: 0})
 
 
-def test_a_round_has_no_more_agents_than_the_one_before():
-    with pytest.raises(UserError, match=r"^setting agents is \[2, 3\]: no round may have more agents than the one before$"):
-        dataclasses.replace(CHOOSING, agents=(2, 3))
-
-
-def test_no_two_agents_of_a_round_are_of_one_origin(pendulum_policies, begun):
-    learn(TASK.source, dataclasses.replace(CHOOSING, steps=1152, agents=(3, 2, 2), checkpoints=1), 0, starts=pendulum_policies.weights)
-    for first, second in (begun[3:5], begun[5:7]):
-        assert any((first[name] != second[name]).any() for name in first)
+def test_half_as_many_starts_go_on_from_the_third_round_on(pendulum_policies, begun):
+    learn(TASK.source, dataclasses.replace(CHOOSING, rounds=3, checkpoints=1), 0, starts=pendulum_policies.weights)
+    assert begun[3] is not begun[4]
+    assert begun[5] is begun[6]

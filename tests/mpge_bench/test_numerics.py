@@ -23,7 +23,7 @@ from mpge_bench.baselines.grounding.networks import Networks
 from mpge_bench.envs import get_task
 
 if __name__ == "__main__":
-    settings = AgentSettings(steps=4096, worlds=4, rollout_steps=128, batch_size=128, agents=(2, 2), episodes=2)
+    settings = AgentSettings(steps=2048, rounds=2, worlds=4, rollout_steps=128, batch_size=128, candidates=2, finalists=2, episodes=2)
     found = learn(get_task("broken_hopper").source, settings, 0, jobs={jobs})
     rng = np.random.default_rng(0)
     inputs, wanted = rng.normal(size=(300, 14)), torch.as_tensor(rng.normal(size=(300, 3)), dtype=torch.float32)
