@@ -112,14 +112,24 @@ class LinearFitter:
         return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** self.settings.robustness)[:, None]
 
     def standard_errors(self, fit: Fit) -> Array:
-        """Of the parameters, shape (parameters,); windows are the independent pieces of evidence (sandwich estimator). Infinite where they are not told."""
+        """Of the parameters, shape (parameters,); infinite where they are not told.
+
+        Windows are the independent pieces of evidence (sandwich estimator). Nuisances are not known, either: those that fits forgive are unknowns beside the
+        parameters, with their limits as a prior; by those that only judging forgives the parameters are off, as far as these have room.
+        """
         if not fit.size:
             return np.zeros(0)
         weights = self.weights(fit.cost)
         jacobian, residuals = (fit.jacobian * weights)[:, self.train], (fit.residuals * weights)[self.train]
-        scores = np.einsum("pwk,wk->pw", jacobian, residuals)
         found = directions(jacobian.reshape(fit.size, -1), sizes_of(fit.effects), self.settings)
-        errors = np.sqrt(((found.inverse() @ scores) ** 2).sum(1))
+        told = np.tensordot(found.basis.T, jacobian, 1)
+        forgiven, held = ((one * weights)[:, self.train] for one in self.nuisances.doubts(fit.effects))
+        unknown = np.concatenate((told, forgiven))
+        prior = np.diag(np.repeat([0.0, 1.0], [len(told), len(forgiven)]))
+        inverse = np.linalg.inv(np.einsum("awk,bwk->ab", unknown, unknown) + prior)[: len(told)]
+        scores, systematic = np.einsum("awk,wk->aw", unknown, residuals), np.einsum("awk,bwk->ab", unknown, held)
+        covariance = inverse @ (scores @ scores.T + systematic @ systematic.T + prior) @ inverse.T
+        errors = np.sqrt(np.einsum("pd,de,pe->p", found.basis, covariance, found.basis))
         errors[[index for group in found.groups() for index in group]] = np.inf
         return np.asarray(errors)
 

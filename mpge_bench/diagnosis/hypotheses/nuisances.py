@@ -47,19 +47,34 @@ class Nuisances:
             jacobian: if given, motors with a hidden state are also forgiven a physics step of delay, and the parameters' answer to it. For judging, not for
                 fitting: the parameters would be blurred by it.
         """
-        settings = self.settings
-        lead = self._friction_lead(effects)
-        later = [] if jacobian is None else self._motor_delays(effects)
-        limits = [*self._limits, *([] if lead is None else [settings.friction_lead])]
-        if later and jacobian is not None:
+        columns, bounds = self._of(effects)
+        if halved is not None:
+            columns[0] = halved
+        delays = np.zeros((0, *residual.shape)) if jacobian is None else self._motor_delays(effects)
+        if len(delays) and jacobian is not None:
             size = np.sqrt((jacobian**2).sum((1, 2), keepdims=True))
-            limits += [settings.motor_step] * len(later) + [(-np.inf, np.inf)] * len(jacobian)
-            later = [*later, *(jacobian / np.where(size > 0, size, 1.0))]
-        columns = np.array([self._columns[0] if halved is None else halved, *self._columns[1:], *([] if lead is None else [lead]), *later])
-        bounds = np.array(limits)
-        sizes = self._bounded(columns, residual, bounds, exact=bool(later))
+            columns = np.concatenate((columns, delays, jacobian / np.where(size > 0, size, 1.0)))
+            bounds = np.concatenate((bounds, [self.settings.motor_step] * len(delays), [(-np.inf, np.inf)] * len(jacobian)))
+        sizes = self._bounded(columns, residual, bounds, exact=len(delays) > 0)
         inside = (sizes > bounds[:, 0]) & (sizes < bounds[:, 1])
         return residual - np.tensordot(sizes, columns, 1), columns[inside]
+
+    def doubts(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """How the prediction changes by one standard deviation of each nuisance, of those that are fitted beside `effects` and of those that are only judged.
+
+        Nobody knows more of them than their limits: they lie as far from 0 as anything between these does in the root mean square.
+
+        Returns:
+            Both of shape (nuisances, windows, rows * channels).
+        """
+        columns, limits = self._of(effects)
+        return columns * _spread(limits)[:, None, None], self._motor_delays(effects) * _spread(np.array(self.settings.motor_step))
+
+    def _of(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Columns, projected, and limits, shape (nuisances, 2), of what is forgiven beside `effects`, motors' steps aside."""
+        lead = self._friction_lead(effects)
+        columns, limits = ([*self._columns], [*self._limits]) if lead is None else ([*self._columns, lead], [*self._limits, self.settings.friction_lead])
+        return np.array(columns), np.array(limits)
 
     def _bounded(self, columns: Array, residual: Array, bounds: Array, *, exact: bool) -> Array:
         """Least squares within bounds on the train windows; `exact`, or by coordinate descent, which is enough for a handful of unknowns."""
@@ -77,12 +92,17 @@ class Nuisances:
             return None
         return predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
 
-    def _motor_delays(self, effects: Sequence[Effect]) -> list[Array]:
+    def _motor_delays(self, effects: Sequence[Effect]) -> Array:
         """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""
         predictor, rig = self._predictor, self._predictor.linear.rig
         slow = {effect.target for effect in rig.chain(effects) if effect.remembers}
         slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
-        if not slow:
-            return []
         now = predictor.torques(effects)
-        return [predictor.project(predictor.propagate(predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now)) for joint in sorted(slow)]
+        later = [predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now for joint in sorted(slow)]
+        return np.array([predictor.project(predictor.propagate(one)) for one in later]).reshape(len(later), *self._columns[0].shape)
+
+
+def _spread(limits: Array) -> Array:
+    """Root mean square of what lies anywhere within `limits`, shape (..., 2)."""
+    low, high = limits[..., 0], limits[..., 1]
+    return np.asarray(np.sqrt((low**2 + low * high + high**2) / 3))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mpge_bench.envs.effects import Backlash, Delay, Effect, TorqueLimit
+from mpge_bench.envs.effects import Armature, Backlash, Delay, Effect, Lag, TorqueGain, TorqueLimit
 from mpge_bench.envs.effects.vector import parameters_of
 
 from ..conftest import Made
@@ -32,3 +32,19 @@ def test_few_windows_on_which_all_goes_astray_do_not_decide(made: Callable[..., 
     weights = fitter.weights(cost)[fitter.train, 0]
     assert weights[1:] == pytest.approx(weights[1])
     assert weights[0] == pytest.approx(0.1 * weights[1])
+
+
+def test_standard_errors_leave_room_for_what_simulators_do_differently(made: Callable[..., Made]) -> None:
+    # Damping of .02 N m s/rad worked out at the step's end is like a rotor of damping × step; when within a step a lag gets its command nobody knows.
+    rig, fitter, _ = made(Armature("hinge", 0.02))
+    fit, doubt = fitter.fit([Armature("hinge", 0.01)]), 0.02 * rig.timestep / np.sqrt(3)
+    assert fitter.standard_errors(fit)[0] == pytest.approx(np.hypot(doubt, 1 / np.sqrt((fit.jacobian[0, fitter.train] ** 2).sum())), rel=0.2)
+    _, fitter, _ = made(Lag("hinge", 0.03))
+    assert fitter.standard_errors(fitter.fit([Lag("hinge", 0.02)]))[0] == pytest.approx(rig.timestep / np.sqrt(3), rel=0.2)
+
+
+def test_standard_errors_are_the_noises_where_nothing_else_could_be_meant(made: Callable[..., Made]) -> None:
+    _, fitter, _ = made(TorqueGain("hinge", 0.8))
+    fit = fitter.fit([TorqueGain("hinge", 0.9)])
+    alone = 1 / np.sqrt((fit.jacobian[0, fitter.train] ** 2).sum())
+    assert fitter.standard_errors(fit)[0] == pytest.approx(alone, rel=0.4)
