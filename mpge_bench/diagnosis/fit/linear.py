@@ -144,7 +144,7 @@ class LinearFitter:
 
     def columns(self, candidate: Candidate, effects: Sequence[Effect] = ()) -> Array:
         """Changes of the prediction by each start of `candidate` beside `effects`, shape (starts, windows, rows * channels)."""
-        at = self.predictor.change(effects) if effects else 0.0
+        at = self.predictor.change(effects) if tuple(effects) != self.base else 0.0
         return np.stack([self.predictor.change([*effects, start]) - at for start in candidate.starts])
 
     def fit(self, effects: Sequence[Effect], *, evaluations: int | None = None) -> Fit:

@@ -7,6 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.predict.smooth import rebase
+from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.envs.effects import Armature, Backlash, Delay, Effect, Lag, TorqueGain, TorqueLimit
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -48,3 +51,14 @@ def test_standard_errors_are_the_noises_where_nothing_else_could_be_meant(made: 
     fit = fitter.fit([TorqueGain("hinge", 0.9)])
     alone = 1 / np.sqrt((fit.jacobian[0, fitter.train] ** 2).sum())
     assert fitter.standard_errors(fit)[0] == pytest.approx(alone, rel=0.4)
+
+
+def test_columns_are_those_of_the_candidate_alone_whatever_the_simulator_is_linearised_about(made: Callable[..., Made]) -> None:
+    effect = TorqueGain("hinge", 0.8)
+    _, fitter, found = made(effect)
+    old = fitter.predictor
+    about = LinearFitter(WindowPredictor(rebase(old.linear, [effect], old.sigma), old.windows, old.sigma), fitter.train)
+    # A centre of mass that is off along the hinge's axis changes nothing.
+    along_axis = next(one for one in found if one.name == "com_offset")
+    for effects in ([], [effect]):
+        assert np.abs(about.columns(along_axis, effects)[1]).max() < 1e-6
