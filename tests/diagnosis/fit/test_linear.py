@@ -46,6 +46,13 @@ def test_standard_errors_leave_room_for_what_simulators_do_differently(made: Cal
     assert fitter.standard_errors(fitter.fit([Lag("hinge", 0.02)]))[0] == pytest.approx(rig.timestep / np.sqrt(3), rel=0.2)
 
 
+def test_what_a_parameter_and_a_nuisance_both_explain_does_not_depend_on_the_start(made: Callable[..., Made]) -> None:
+    _, fitter, _ = made(Armature("hinge", 0.02))
+    low, high = (fitter.fit([Armature("hinge", start)]) for start in (0.01, 0.04))
+    noise = 1 / np.sqrt((low.jacobian[0, fitter.train] ** 2).sum())
+    assert parameters_of(low.effects[0]) == pytest.approx(parameters_of(high.effects[0]), abs=0.2 * noise)
+
+
 def test_standard_errors_are_the_noises_where_nothing_else_could_be_meant(made: Callable[..., Made]) -> None:
     _, fitter, _ = made(TorqueGain("hinge", 0.8))
     fit = fitter.fit([TorqueGain("hinge", 0.9)])
