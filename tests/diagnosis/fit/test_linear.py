@@ -16,9 +16,10 @@ from mpge_bench.envs.effects.vector import parameters_of
 from ..conftest import Made
 
 
-@pytest.mark.parametrize("truth", [TorqueLimit("hinge", 0.25), Delay("hinge", 0.03), Backlash("hinge", 0.03, 0.01)])
+@pytest.mark.parametrize("truth", [TorqueLimit("hinge", 0.25), Delay("hinge", 0.03), Delay("hinge", 0.5), Backlash("hinge", 0.03, 0.01)])
 def test_a_fit_begins_where_the_effect_acts_and_moves_far_enough(made: Callable[..., Made], truth: Effect) -> None:
-    # Most starts of a limit are above all commands, where nothing depends on it; a play's derivative over a hair's breadth says nothing.
+    # Most starts of a limit are above all commands, where nothing depends on it; a play's derivative over a hair's breadth says nothing; from a delay that is
+    # half a wave of the command off no fit leads to the truth.
     _, fitter, found = made(truth)
     fitted = fitter.grow([], next(one for one in found if one.name == truth.name))
     assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.1)
