@@ -8,7 +8,8 @@ diagnosis is written. Diagnoses that are there already are not made again, so a 
 
 Columns: verdict; whether effects and targets are exactly right (`~`: right up to what the diagnosis itself calls indistinguishable); largest relative error of
 a parameter; p; error of `simulate` with the corrected rig on the unseen test recordings, 0.5 s ahead, as a multiple of what the true effect gives in the same
-simulator (and before: of the uncorrected rig); seconds. Exit status 1 if a case fails.
+simulator (and before: of the uncorrected rig); seconds. Below, where effects and targets are exactly right, how many parameters lie within their 95% intervals,
+and how many standard errors they are off (root mean square), by effect. Exit status 1 if a case fails.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from rich.table import Table
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
 
@@ -64,6 +66,14 @@ def main() -> int:
     for row in rows:
         table.add_row(*map(str, row.values()))
     Console(width=220).print(table)
+    off: dict[str, list[float]] = {}
+    for case in cases:
+        for name, values in deviations(arguments.folder / "kept" / case.name, arguments.out / case.name):
+            for line in (name, "all"):
+                off.setdefault(line, []).extend(values)
+    for name, values in sorted(off.items()):
+        inside = sum(abs(one) <= DEFAULT.verdict.interval for one in values)
+        console.print(f"{name}: {inside} of {len(values)} within their 95% intervals, off by {np.sqrt(np.mean(np.square(values))):.2f} standard errors")
     (arguments.out / "scores.json").write_text(json.dumps(rows, indent=1))
     passed = sum(row["pass"] == "yes" for row in rows)
     console.print(f"{passed} of {len(rows)} cases pass")
@@ -130,6 +140,27 @@ def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
         good = corrected < nominal
     row["pass"] = "yes" if row["right"] in ("yes", "~") and worst <= 0.05 and good else "no"
     return row
+
+
+def deviations(kept: Path, out: Path) -> Iterator[tuple[str, list[float]]]:
+    """Each effect's name and how far its parameters are off, in standard errors as their intervals tell them; nothing where not all effects are right.
+
+    Of a parameter that the recordings do not tell nothing is said.
+    """
+    truth = yaml.safe_load((kept / "label.yaml").read_text())["effects"]
+    found = json.loads((out / "diagnosis.json").read_text())["effects"] if (out / "diagnosis.json").exists() else []
+    values = {(one["effect"], one["target"]): one["parameters"] for one in found}
+    if set(values) != {(one["effect"], one["target"]) for one in truth}:
+        return
+    for one in truth:
+        off: list[float] = []
+        for name, true in one["value"].items():
+            said = values[one["effect"], one["target"]][name]
+            for value, low, high, right in zip(*(np.atleast_1d(x) for x in (said["value"], said["low"], said["high"], true)), strict=True):
+                if low is not None and high is not None:
+                    half = (high if right > value else low) - value
+                    off.append(DEFAULT.verdict.interval * float((right - value) / abs(half)) if right != value else 0.0)
+        yield one["effect"], off
 
 
 def _effect(one: dict[str, Any]) -> Effect:

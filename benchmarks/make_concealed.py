@@ -26,7 +26,7 @@ from rich.table import Table
 
 H, PERIOD, ROWS, SERVO_STEPS = 0.0005, 0.01, 1000, 2
 STEPS = round(PERIOD / H)
-DAMPING = 0.0  # of every joint: declared in the URDF, and so part of what both the rig and the truth say
+DAMPING = 0.3  # 1/s, times mass × length², of the joints of `damped` cases: declared in the URDF, and so part of what both the rig and the truth say
 GRAVITY = (0.0, 0.0, -9.81)
 KINDS = {"train_00": "sines", "train_01": "steps", "train_02": "closed", "train_03": "noise", "test_00": "sines", "test_01": "closed"}
 Law = Callable[[float, list[float], list[float], float], float]  # of the torque, every joint's q and dq, and time
@@ -34,7 +34,7 @@ Values = dict[str, Any]
 
 # name | mechanism | options | effects
 # Options: told (the rig states the noise), no_dq, enc1024 and enc4096 (encoders of so many ticks, no dq), loud, closed (every recording is closed-loop),
-# si. Without `si` sizes are relative, see `absolute`, and vary by a seventh from seed to seed.
+# damped, si. Without `si` sizes are relative, see `absolute`, and vary by a seventh from seed to seed.
 CASES = """
 pend_none               | pend   | told             |
 pend_none_encoder       | pend   | enc4096          |
@@ -101,6 +101,10 @@ arm2_payload_faint      | arm2   | si               | payload elbow_link mass=.0
 pend_viscous_faint      | pend   | si loud          | viscous_friction hinge damping=.01
 arm2_delay_faint        | arm2   | si told          | delay elbow seconds=.004
 pend_coulomb_faint      | pend   | si enc1024       | coulomb_friction hinge torque=.03
+
+pend_armature_damped    | pend   | damped told      | armature hinge inertia=.3
+arm2_armature_damped    | arm2   | damped           | armature elbow inertia=.3
+arm2_viscous_damped     | arm2   | damped told      | viscous_friction shoulder damping=.08
 
 arm2_coulomb_viscous    | arm2   | told             | coulomb_friction shoulder torque=.1 + viscous_friction shoulder damping=.05
 arm2_gain_delay         | arm2   |                  | delay elbow seconds=.02 + torque_gain elbow gain=.7
@@ -254,6 +258,7 @@ class Link:
     origin: np.ndarray
     com: np.ndarray
     inertia: np.ndarray
+    damping: float
 
 
 #: joint, link, axis, mode, mass, length, and how far aside the next joint is
@@ -276,7 +281,7 @@ def neat(x: Any, digits: int = 6) -> Any:
     return [neat(one, digits) for one in x] if np.ndim(x) else float(f"{x:.{digits}g}")
 
 
-def build(mechanism: str, rng: np.random.Generator) -> list[Link]:
+def build(mechanism: str, rng: np.random.Generator, damped: bool) -> list[Link]:
     """The mechanism with links of random mass and size, each an uneven box that hangs from its joint (a cart is centred on it)."""
     links, origin = [], np.zeros(3)
     for joint, name, axis, mode, mass, length, aside in MECHANISMS[mechanism]:
@@ -284,7 +289,8 @@ def build(mechanism: str, rng: np.random.Generator) -> list[Link]:
         a, b, c = length * np.array([*rng.uniform(0.15, 0.4, 2), rng.uniform(0.85, 1.15)])
         com = np.array([aside + length * rng.uniform(-0.06, 0.06), 0.0, -length * rng.uniform(0.4, 0.6)]) * (name != "cart")
         inertia = mass / 12 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b])
-        links.append(Link(joint, name, axis, mode, mass, length, origin, np.array(neat(com)), np.array(neat(inertia))))
+        damping = neat(DAMPING * mass * length**2 * damped, 3)
+        links.append(Link(joint, name, axis, mode, mass, length, origin, np.array(neat(com)), np.array(neat(inertia)), damping))
         origin = np.array([aside, 0.0, -length * (name != "cart")])
     return links
 
@@ -318,7 +324,7 @@ def urdf(links: list[Link], efforts: list[float]) -> str:
         text += [
             f'<link name="{link.name}"><inertial><origin xyz="{com}"/><mass value="{link.mass!r}"/><inertia {inertia}/></inertial></link>',
             f'<joint name="{link.joint}" type="{kind}"><parent link="{parent}"/><child link="{link.name}"/><origin xyz="{origin}"/><axis xyz="{link.axis}"/>',
-            f'<limit lower="-1000.0" upper="1000.0" effort="{effort!r}" velocity="100"/><dynamics damping="{DAMPING!r}" friction="0"/></joint>',
+            f'<limit lower="-1000.0" upper="1000.0" effort="{effort!r}" velocity="100"/><dynamics damping="{link.damping!r}" friction="0"/></joint>',
         ]
         parent = link.name
     return "\n".join([*text, "</robot>", ""])
@@ -344,8 +350,8 @@ def inverse_mass(model: Any, data: Any) -> np.ndarray:
 class Rig:
     """What the simulator believes of a case, and the measures of torque and inertia that the case's sizes are relative to."""
 
-    def __init__(self, mechanism: str, rng: np.random.Generator) -> None:
-        self.links = build(mechanism, rng)
+    def __init__(self, case: Case, rng: np.random.Generator) -> None:
+        self.links = build(case.mechanism, rng, "damped" in case.options)
         self.joints = [link.joint for link in self.links]
         self.bare, self.coarse = load(self.links), load(self.links, 0.002)
         model, data = self.bare
@@ -546,7 +552,7 @@ def make(case: Case, out: Path, seed: int) -> list[float]:
     """Write one case; returns how far its effect can be seen, and the largest q and dq."""
     key = [seed, zlib.crc32(case.name.encode())]
     rng = np.random.default_rng(key)
-    rig = Rig(case.mechanism, rng)
+    rig = Rig(case, rng)
     effects = absolute(case, rig, rng)
     sensors = Sensors(case, effects, rig.joints)
     folders = {"train": out / "given" / case.name, "test": out / "kept" / case.name}

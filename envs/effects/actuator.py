@@ -84,7 +84,9 @@ class Delay(_Late):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"seconds": seconds} for seconds in (0.004, 0.012, 0.03, 0.06)]
+        # A fit finds its way within half a wave of the commands: from starts .06 s apart even at 3 Hz. A delay of more than half a recording hardly shows.
+        longest = min(scale.duration / 2, cls.parameters["seconds"].high)
+        return [{"seconds": seconds} for seconds in (0.004, 0.012, 0.03, *(0.06 * (1 + np.arange(int(longest / 0.06)))).tolist())]
 
 
 @dataclass(frozen=True)

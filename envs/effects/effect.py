@@ -78,6 +78,7 @@ class Scale:
         mass: of the joint's link, kg.
         length: from the joint to the farthest centre of mass that it carries, m.
         period: between rows, s.
+        duration: of the shortest recording, s.
         gravity: nominal, m/s², shape (3,).
     """
 
@@ -90,6 +91,7 @@ class Scale:
     mass: float
     length: float
     period: float
+    duration: float
     gravity: tuple[float, float, float]
 
 

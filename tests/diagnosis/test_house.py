@@ -108,7 +108,7 @@ def magnet() -> Iterator[type[Effect]]:
 def test_an_effect_is_searched_for_said_and_exported_by_its_class_alone(magnet: type[Effect], rig: Rig, tmp_path: Path) -> None:
     import yaml
 
-    scale = Scale(1.0, 2.0, 1.0, 3.0, 0.5, 0.1, 1.0, 0.2, 0.01, rig.gravity)
+    scale = Scale(1.0, 2.0, 1.0, 3.0, 0.5, 0.1, 1.0, 0.2, 0.01, 5.0, rig.gravity)
     options = [one for one in candidates(rig, dict.fromkeys(rig.joints, scale)) if one.name == "magnet"]
     assert [one.target for one in options] == list(rig.joints)
     found = options[0].starts[0]

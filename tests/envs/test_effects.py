@@ -779,7 +779,8 @@ def test_sensors_read_many_motions_as_one() -> None:
 
 
 def test_parameters_that_mean_nothing_are_known() -> None:
-    scale = Scale(torque=1.0, limit=2.0, speed=1.0, top_speed=4.0, angle=0.5, inertia=0.1, mass=1.0, length=0.3, period=0.01, gravity=(0, 0, -9.81))
+    sizes = {"torque": 1.0, "limit": 2.0, "speed": 1.0, "top_speed": 4.0, "angle": 0.5, "inertia": 0.1, "mass": 1.0, "length": 0.3}
+    scale = Scale(**sizes, period=0.01, duration=5.0, gravity=(0, 0, -9.81))
     for kind in CATALOGUE.values():
         for start in kind.starts(scale):
             assert kind("x", **start).is_plausible(scale)

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from mpge_bench.diagnosis.fit.told import directions
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
-from mpge_bench.diagnosis.hypotheses.nuisances import Nuisances
+from mpge_bench.diagnosis.hypotheses.nuisances import Forgiven, Nuisances
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.diagnosis.settings import FitSettings
 from mpge_bench.envs.effects import Effect
@@ -70,7 +70,8 @@ class LinearFitter:
         share = 1 - predictor.flow.shape[-1] / np.maximum((relative > 0).sum((1, 2)), 1)
         self.count: Array = np.maximum(relative.sum((1, 2)) * share, 1e-9)
         self._raw = predictor.residual()
-        self.residual, self.free = self.nuisances.forgive(self._raw, self.base)
+        forgiven = self.nuisances.forgive(self._raw, self.base)
+        self.residual, self.free = forgiven.residuals, forgiven.free
 
     @property
     def late(self) -> bool:
@@ -89,7 +90,10 @@ class LinearFitter:
 
     def residuals(self, effects: Sequence[Effect]) -> Array:
         """What `effects`, as they are, leave in the linearised simulator, nuisances forgiven, shape (windows, rows * channels)."""
-        return self.nuisances.forgive(self._raw - self.predictor.change(effects), effects)[0]
+        return self._forgiven(effects).residuals
+
+    def _forgiven(self, effects: Sequence[Effect]) -> Forgiven:
+        return self.nuisances.forgive(self._raw - self.predictor.change(effects), effects)
 
     def chi_square(self, cost: Array, windows: npt.NDArray[np.bool_] | slice | None = None) -> float:
         """Reduced chi-square of the train (or other) windows, robust: the square of the mean over windows of the root mean square in units of the noise's.
@@ -112,14 +116,24 @@ class LinearFitter:
         return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** self.settings.robustness)[:, None]
 
     def standard_errors(self, fit: Fit) -> Array:
-        """Of the parameters, shape (parameters,); windows are the independent pieces of evidence (sandwich estimator). Infinite where they are not told."""
+        """Of the parameters, shape (parameters,); infinite where they are not told.
+
+        Windows are the independent pieces of evidence (sandwich estimator). Nuisances are not known, either: those that fits forgive are unknowns beside the
+        parameters, with their limits as a prior; by those that only judging forgives the parameters are off, as far as these have room.
+        """
         if not fit.size:
             return np.zeros(0)
         weights = self.weights(fit.cost)
         jacobian, residuals = (fit.jacobian * weights)[:, self.train], (fit.residuals * weights)[self.train]
-        scores = np.einsum("pwk,wk->pw", jacobian, residuals)
         found = directions(jacobian.reshape(fit.size, -1), sizes_of(fit.effects), self.settings)
-        errors = np.sqrt(((found.inverse() @ scores) ** 2).sum(1))
+        told = np.tensordot(found.basis.T, jacobian, 1)
+        forgiven, held = ((one * weights)[:, self.train] for one in self.nuisances.doubts(fit.effects))
+        unknown = np.concatenate((told, forgiven))
+        prior = np.diag(np.repeat([0.0, 1.0], [len(told), len(forgiven)]))
+        inverse = np.linalg.inv(np.einsum("awk,bwk->ab", unknown, unknown) + prior)[: len(told)]
+        scores, systematic = np.einsum("awk,wk->aw", unknown, residuals), np.einsum("awk,bwk->ab", unknown, held)
+        covariance = inverse @ (scores @ scores.T + systematic @ systematic.T + prior) @ inverse.T
+        errors = np.sqrt(np.einsum("pd,de,pe->p", found.basis, covariance, found.basis))
         errors[[index for group in found.groups() for index in group]] = np.inf
         return np.asarray(errors)
 
@@ -134,7 +148,7 @@ class LinearFitter:
 
     def columns(self, candidate: Candidate, effects: Sequence[Effect] = ()) -> Array:
         """Changes of the prediction by each start of `candidate` beside `effects`, shape (starts, windows, rows * channels)."""
-        at = self.predictor.change(effects) if effects else 0.0
+        at = self.predictor.change(effects) if tuple(effects) != self.base else 0.0
         return np.stack([self.predictor.change([*effects, start]) - at for start in candidate.starts])
 
     def fit(self, effects: Sequence[Effect], *, evaluations: int | None = None) -> Fit:
@@ -157,13 +171,29 @@ class LinearFitter:
             weights = self.weights(cost)
 
             def missed(z: Array, weights: Array = weights) -> Array:
-                residuals = self.residuals(rebuild(effects, z * size)) * weights
-                return np.concatenate((residuals[self.train].ravel(), settings.hold * (z - first / size)))
+                left = self._forgiven(rebuild(effects, z * size))
+                return np.concatenate(((left.residuals * weights)[self.train].ravel(), left.sizes, settings.hold * (z - first / size)))
 
             z = least_squares(missed, z, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=settings.tolerance, ftol=settings.cost_tolerance).x
+            if evaluations > 1:
+                settled = np.clip(z + self._shared(self._at(effects, z, size, step, high), weights) / size, *bounds)
+                z = settled if (missed(settled) ** 2).sum() < (missed(z) ** 2).sum() else z
             if np.ptp(weights) < settings.reweighted or self.late:
                 break
         return self._at(effects, z, size, step, high)
+
+    def _shared(self, fit: Fit, weights: Array) -> Array:
+        """Changes of the parameters of `fit`, shape (parameters,), by which they take over what nuisances explain no better than they.
+
+        A step of least squares over both, limits aside. Differences over more than the nuisances' limits do not see it: the fit ends where it meets these.
+        """
+        forgiven, size = self._forgiven(fit.effects), sizes_of(fit.effects)
+        unknown = np.concatenate((fit.jacobian * size[:, None, None], forgiven.columns)) * weights
+        prior = np.repeat([self.settings.hold**2, 1.0], [fit.size, len(forgiven.sizes)])
+        wanted = np.einsum("awk,wk->a", unknown[:, self.train], (forgiven.residuals * weights)[self.train])
+        wanted[fit.size :] -= forgiven.sizes
+        gram = np.einsum("awk,bwk->ab", unknown[:, self.train], unknown[:, self.train]) + np.diag(prior)
+        return np.asarray(np.linalg.solve(gram, wanted)[: fit.size] * size)
 
     def _at(self, effects: Sequence[Effect], z: Array, size: Array, step: Array, high: Array) -> Fit:
         """The fit with parameters `z` times `size`, differentiated by steps of `step` times `size`."""
@@ -174,7 +204,7 @@ class LinearFitter:
             moved = z.copy()
             moved[index] += step[index] if moved[index] + step[index] <= high[index] / size[index] else -step[index]
             jacobian.append((self.predictor.change(rebuild(effects, moved * size)) - at) / ((moved - z)[index] * size[index]))
-        return Fit(tuple(final), self.nuisances.forgive(self._raw - at, final)[0], np.array(jacobian))
+        return Fit(tuple(final), self.nuisances.forgive(self._raw - at, final).residuals, np.array(jacobian))
 
     def grow(self, effects: Sequence[Effect], candidate: Candidate) -> Fit:
         """`effects` and `candidate` fitted, from the start that does best; where that stays far from the noise, from the next best ones, too."""

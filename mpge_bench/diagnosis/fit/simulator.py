@@ -76,7 +76,7 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
         if predicted is None:
             break
         error = predictor.measured - predicted
-        residuals = fitter.nuisances.forgive(predictor.project(error), effects)[0]
+        residuals = fitter.nuisances.forgive(predictor.project(error), effects).residuals
         if best is not None:
             # Where a new starting state made it worse, as it may where the motion is chaotic, the old one was better.
             worse = (residuals**2).sum(1) > settings.worse * (best.residuals**2).sum(1)
@@ -114,11 +114,11 @@ def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: A
         if coarse is None or fine is None:
             break
         raw, halved = predictor.project(predictor.measured - coarse), predictor.project(fine - coarse)
-        forgiven, inside = fitter.nuisances.forgive(raw, best.effects, halved, jacobian)
-        chi_square = fitter.chi_square((forgiven**2).sum(-1))
+        forgiven = fitter.nuisances.forgive(raw, best.effects, halved, jacobian)
+        chi_square = fitter.chi_square((forgiven.residuals**2).sum(-1))
         if chi_square >= least:
             break
-        residuals, free, least = forgiven, inside, chi_square
+        residuals, free, least = forgiven.residuals, forgiven.free, chi_square
         # With another physics step other starting states are best: those for the step that the recordings ask for.
         share = float(np.clip((raw * halved)[train].sum() / max(float((halved[train] ** 2).sum()), 1e-12), *settings.step_share))
         starts = starts + predictor.starts(predictor.measured - coarse - share * (fine - coarse))

@@ -19,22 +19,20 @@ class Directions:
 
     Attributes:
         unit: of each parameter, shape (parameters,); 0 of one that moves next to nothing.
-        strength: squared standard deviations by which a step along each direction moves the prediction, shape (directions,).
         vectors: one a column, shape (parameters, directions).
         told: which of them the recordings tell, shape (directions,).
         involved: share of an untold direction, squared, from which on a parameter is part of it.
     """
 
     unit: Array
-    strength: Array
     vectors: Array
     told: npt.NDArray[np.bool_]
     involved: float
 
-    def inverse(self) -> Array:
-        """Of the parameters' Gram matrix, within what is told, shape (parameters, parameters)."""
-        kept = self.vectors[:, self.told] * self.unit[:, None]
-        return np.asarray((kept / self.strength[self.told]) @ kept.T)
+    @property
+    def basis(self) -> Array:
+        """How the parameters change along each direction that is told, in their own units, shape (parameters, told directions)."""
+        return np.asarray(self.vectors[:, self.told] * self.unit[:, None])
 
     def groups(self) -> tuple[tuple[int, ...], ...]:
         """Parameters that are not told, by their indices; those that are told only together are one group."""
@@ -52,4 +50,4 @@ def directions(columns: Array, size: Array, settings: FitSettings) -> Directions
     unit = np.divide(1.0, length, out=np.zeros_like(length), where=moves)
     scaled = columns * unit[:, None]
     strength, vectors = np.linalg.eigh(scaled @ scaled.T)
-    return Directions(unit, strength, vectors, strength > settings.same**2, settings.involved)
+    return Directions(unit, vectors, strength > settings.same**2, settings.involved)

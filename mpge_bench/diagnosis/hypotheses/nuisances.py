@@ -6,7 +6,9 @@ when within a physics step a motor with a hidden state gets its command.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,25 +22,51 @@ from mpge_bench.envs.effects import Armature, Delay, Effect
 Array = npt.NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class Forgiven:
+    """What nuisances explain, taken away.
+
+    Attributes:
+        residuals: what is left, shape (windows, rows * channels).
+        columns: of the nuisances, by standard deviations of each, shape (nuisances, windows, rows * channels).
+        sizes: of the nuisances, in standard deviations, shape (nuisances,).
+        inside: which of them are within their limits, shape (nuisances,).
+    """
+
+    residuals: Array
+    columns: Array
+    sizes: Array
+    inside: npt.NDArray[np.bool_]
+
+    @property
+    def free(self) -> Array:
+        """Columns of those that are within their limits."""
+        return self.columns[self.inside]
+
+
 class Nuisances:
-    """The nuisance parameters of `predictor`, fitted on the windows marked in `train`."""
+    """The nuisance parameters of `predictor`, fitted on the windows marked in `train`, each in standard deviations.
+
+    Nobody knows more of them beforehand than their limits: they lie as far from 0 as anything between these does in the root mean square.
+    """
 
     def __init__(self, predictor: WindowPredictor, train: npt.NDArray[np.bool_]) -> None:
         self._predictor, self._train = predictor, train
         base, rig = predictor.linear.base, predictor.linear.rig
         settings = self.settings
-        self._columns, self._limits = [predictor.project(predictor.halved_error)], [settings.step_error]
+        self._columns, self._limits = [predictor.project(predictor.halved_error) * _spread(settings.step_error)], [settings.step_error]
         for effect in rig.chain(base):
             if effect.implicit_damping > 0:
-                self._columns.append(predictor.change(rig.joined(base, Armature(effect.target, effect.implicit_damping * rig.timestep))))
+                column = predictor.change(rig.joined(base, Armature(effect.target, effect.implicit_damping * rig.timestep)))
+                self._columns.append(column * _spread(settings.implicit_damping))
                 self._limits.append(settings.implicit_damping)
 
     @property
     def settings(self) -> HypothesisSettings:
         return self._predictor.linear.motion.settings.hypotheses
 
-    def forgive(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None, jacobian: Array | None = None) -> tuple[Array, Array]:
-        """`residual` without what nuisances explain of it within their limits, and the columns of those that are within them.
+    def forgive(self, residual: Array, effects: Sequence[Effect], halved: Array | None = None, jacobian: Array | None = None) -> Forgiven:
+        """`residual` without what nuisances explain of it within their limits.
 
         Args:
             residual: shape (windows, rows * channels).
@@ -47,24 +75,45 @@ class Nuisances:
             jacobian: if given, motors with a hidden state are also forgiven a physics step of delay, and the parameters' answer to it. For judging, not for
                 fitting: the parameters would be blurred by it.
         """
-        settings = self.settings
-        lead = self._friction_lead(effects)
-        later = [] if jacobian is None else self._motor_delays(effects)
-        limits = [*self._limits, *([] if lead is None else [settings.friction_lead])]
-        if later and jacobian is not None:
+        columns, limits = self._of(effects)
+        if halved is not None:
+            columns[0] = halved * _spread(self.settings.step_error)
+        delays = np.zeros((0, *residual.shape)) if jacobian is None else self._motor_delays(effects)
+        columns = np.concatenate((columns, delays))
+        bounds = np.array([np.divide(one, _spread(one)) for one in [*limits, *[self.settings.motor_step] * len(delays)]])
+        known = np.ones(len(columns))
+        if len(delays) and jacobian is not None:
             size = np.sqrt((jacobian**2).sum((1, 2), keepdims=True))
-            limits += [settings.motor_step] * len(later) + [(-np.inf, np.inf)] * len(jacobian)
-            later = [*later, *(jacobian / np.where(size > 0, size, 1.0))]
-        columns = np.array([self._columns[0] if halved is None else halved, *self._columns[1:], *([] if lead is None else [lead]), *later])
-        bounds = np.array(limits)
-        sizes = self._bounded(columns, residual, bounds, exact=bool(later))
+            columns = np.concatenate((columns, jacobian / np.where(size > 0, size, 1.0)))
+            bounds = np.concatenate((bounds, [(-np.inf, np.inf)] * len(jacobian)))
+            known = np.concatenate((known, np.zeros(len(jacobian))))
+        sizes = self._bounded(columns, residual, bounds, known, exact=len(delays) > 0)
         inside = (sizes > bounds[:, 0]) & (sizes < bounds[:, 1])
-        return residual - np.tensordot(sizes, columns, 1), columns[inside]
+        return Forgiven(residual - np.tensordot(sizes, columns, 1), columns, sizes, inside)
 
-    def _bounded(self, columns: Array, residual: Array, bounds: Array, *, exact: bool) -> Array:
-        """Least squares within bounds on the train windows; `exact`, or by coordinate descent, which is enough for a handful of unknowns."""
+    def doubts(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """How the prediction changes by one standard deviation of each nuisance: of those that are forgiven in fits, and of those that are only judged.
+
+        Returns:
+            Both of shape (nuisances, windows, rows * channels).
+        """
+        return self._of(effects)[0], self._motor_delays(effects)
+
+    def _of(self, effects: Sequence[Effect]) -> tuple[Array, list[tuple[float, float]]]:
+        """Columns, projected, and limits of what is forgiven beside `effects` in fits."""
+        lead = self._friction_lead(effects)
+        if lead is None:
+            return np.array(self._columns), self._limits
+        return np.array([*self._columns, lead]), [*self._limits, self.settings.friction_lead]
+
+    def _bounded(self, columns: Array, residual: Array, bounds: Array, known: Array, *, exact: bool) -> Array:
+        """Least squares within bounds on the train windows; `exact`, or by coordinate descent, which is enough for a handful of unknowns.
+
+        Args:
+            known: 1 of what lies about 0 by a standard deviation, beforehand, 0 of what may be anything, shape (columns,).
+        """
         fitted = columns[:, self._train].reshape(len(columns), -1)
-        gram, right = fitted @ fitted.T, fitted @ residual[self._train].ravel()
+        gram, right = fitted @ fitted.T + np.diag(known), fitted @ residual[self._train].ravel()
         if exact:
             root = np.linalg.cholesky(gram + 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram)))
             return np.asarray(lsq_linear(root.T, np.linalg.solve(root, right), bounds.T).x)
@@ -75,14 +124,21 @@ class Nuisances:
         predictor = self._predictor
         if not any(effect.rubs for effect, _ in predictor.linear.chain(effects)):
             return None
-        return predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
+        earlier = predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
+        return earlier * _spread(self.settings.friction_lead)
 
-    def _motor_delays(self, effects: Sequence[Effect]) -> list[Array]:
-        """How the prediction changes, projected, if motors with a hidden state of their own got each command a physics step later, one by one."""
+    def _motor_delays(self, effects: Sequence[Effect]) -> Array:
+        """How the prediction changes, projected, if motors with a hidden state of their own got each command later, one by one."""
         predictor, rig = self._predictor, self._predictor.linear.rig
         slow = {effect.target for effect in rig.chain(effects) if effect.remembers}
         slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
-        if not slow:
-            return []
         now = predictor.torques(effects)
-        return [predictor.project(predictor.propagate(predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now)) for joint in sorted(slow)]
+        later = [predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now for joint in sorted(slow)]
+        columns = [predictor.project(predictor.propagate(one)) * _spread(self.settings.motor_step) for one in later]
+        return np.array(columns).reshape(len(later), *self._columns[0].shape)
+
+
+def _spread(limits: tuple[float, float]) -> float:
+    """Root mean square of what lies anywhere within `limits`."""
+    low, high = limits
+    return math.sqrt((low**2 + low * high + high**2) / 3)

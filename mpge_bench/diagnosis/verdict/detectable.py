@@ -46,7 +46,7 @@ def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], neede
         return math.inf
 
     def enough(share: float) -> bool:
-        return float((fitter.nuisances.forgive(share * column, effects)[0] ** 2).sum()) >= needed
+        return float((fitter.nuisances.forgive(share * column, effects).residuals ** 2).sum()) >= needed
 
     low = math.sqrt(needed / power)
     high = next((low * 2.0**doubled for doubled in range(12) if enough(low * 2.0**doubled)), math.inf)

@@ -25,7 +25,11 @@ def test_directions_do_not_depend_on_units_and_name_who_shares_what_is_not_told(
     found = directions(columns / size[:, None], size, DEFAULT.fit)
     assert found.groups() == ((1, 2), (4,))
     assert found.told.sum() == 3
-    assert np.diagonal(found.inverse())[[0, 3]] / size[[0, 3]] ** 2 == pytest.approx(1 / 300, rel=0.3)
+    # Along them the prediction moves by independent amounts, and all of what is told by as much as the columns say.
+    moved = found.basis.T @ (columns / size[:, None])
+    gram = moved @ moved.T
+    assert gram == pytest.approx(np.diag(np.diagonal(gram)), abs=1e-9)
+    assert np.diagonal(found.basis @ np.linalg.inv(gram) @ found.basis.T)[[0, 3]] / size[[0, 3]] ** 2 == pytest.approx(1 / 300, rel=0.3)
 
 
 def test_an_untold_parameter_has_an_infinite_interval_and_a_told_one_covers_the_truth(made: Callable[..., Made]) -> None:

@@ -27,7 +27,8 @@ def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) 
 def test_what_the_rig_has_itself_is_looked_for_in_both_directions(tmp_path: Path) -> None:
     listed = [{"effect": "delay", "target": "elbow", "seconds": 0.03}, {"effect": "torque_gain", "target": "elbow", "gain": 0.9}]
     rig = read_rig(write_rig(tmp_path, effects=listed))
-    scale = Scale(torque=2.0, limit=3.0, speed=1.0, top_speed=3.0, angle=0.5, inertia=0.05, mass=1.0, length=0.2, period=0.01, gravity=(0.0, 0.0, -9.81))
+    sizes = {"torque": 2.0, "limit": 3.0, "speed": 1.0, "top_speed": 3.0, "angle": 0.5, "inertia": 0.05, "mass": 1.0, "length": 0.2}
+    scale = Scale(**sizes, period=0.01, duration=0.15, gravity=(0.0, 0.0, -9.81))
     starts = {one.label: one.starts for one in candidates(rig, dict.fromkeys(rig.joints, scale))}
     values = {name: [next(iter(effect.to_dict()[key] for key in effect.parameters)) for effect in starts[name]] for name in starts if "elbow" in name}
     # The model's own damping is 0.05: less than that is 0 at the least.
@@ -35,3 +36,12 @@ def test_what_the_rig_has_itself_is_looked_for_in_both_directions(tmp_path: Path
     assert values["delay:elbow"] == pytest.approx([0.034, 0.026, 0.042, 0.018, 0.06, 0.0, 0.09])
     assert values["torque_gain:elbow"] == pytest.approx([0.8, 1.0])
     assert values["lag:elbow"] == pytest.approx([0.004, 0.015, 0.05, 0.12])
+
+
+def test_delays_are_looked_for_as_far_as_recordings_go() -> None:
+    sizes = dict.fromkeys(("torque", "limit", "speed", "top_speed", "angle", "inertia", "mass", "length"), 1.0)
+    longest = {
+        duration: max(start["seconds"] for start in CATALOGUE["delay"].starts(Scale(**sizes, period=0.01, duration=duration, gravity=(0.0, 0.0, -9.81))))
+        for duration in (0.1, 1.0, 10.0)
+    }
+    assert longest == pytest.approx({0.1: 0.03, 1.0: 0.48, 10.0: 0.96})
