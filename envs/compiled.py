@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -16,3 +18,33 @@ def compiled(function: Function) -> Function:
         return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:  # neither the function's folder nor the user's cache can be written
         return cast(Function, numba.njit(error_model="numpy")(function))
+
+
+class _Stopwatch(event.Listener):
+    """How long this process has compiled, s; what one compilation asks for within it is part of it."""
+
+    def __init__(self) -> None:
+        self.seconds = self._begun = 0.0
+        self._depth = 0
+
+    def on_start(self, event: event.Event) -> None:
+        if not self._depth:
+            self._begun = time.monotonic()
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += time.monotonic() - self._begun
+
+
+_STOPWATCH = _Stopwatch()
+event.register("numba:compile", _STOPWATCH)  # type: ignore[no-untyped-call]
+
+
+def is_past(deadline: float) -> bool:
+    """Whether `deadline`, s of the monotonic clock, is past by more than this process has spent on compiling.
+
+    So the first diagnosis after an install has the time budget of every other.
+    """
+    return time.monotonic() - _STOPWATCH.seconds > deadline

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba.core import caching
 
-from mpge_bench.envs.compiled import compiled
+from mpge_bench.envs import compiled as module
+from mpge_bench.envs.compiled import compiled, is_past
 
 
 def _doubled(values: np.ndarray) -> np.ndarray:
@@ -16,3 +17,28 @@ def test_what_cannot_be_kept_on_disk_is_compiled_all_the_same(monkeypatch):
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
     np.testing.assert_array_equal(compiled(_doubled)(np.ones(3)), [2, 2, 2])
     assert not compiled(_doubled).stats.cache_path
+
+
+def test_compiling_uses_up_no_time_budget(monkeypatch):
+    """A deadline .1 s off is not past after a second of compiling, but after a second of anything else."""
+    clock = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(module, "_STOPWATCH", watch := module._Stopwatch())
+    deadline = 100.1
+    watch.on_start(None)
+    clock[0] += 0.4
+    watch.on_start(None)  # one compilation asks for another
+    clock[0] += 0.3
+    watch.on_end(None)
+    clock[0] += 0.3
+    watch.on_end(None)
+    assert not is_past(deadline)
+    clock[0] += 1.0
+    assert is_past(deadline)
+
+
+def test_the_time_that_compiling_takes_is_seen(monkeypatch):
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    before = module._STOPWATCH.seconds
+    compiled(_doubled)(np.ones(3))
+    assert module._STOPWATCH.seconds > before

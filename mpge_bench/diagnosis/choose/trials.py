@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, label
 from mpge_bench.diagnosis.settings import ChooseSettings
+from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -29,7 +29,7 @@ class Clock:
 
     @property
     def late(self) -> bool:
-        return time.monotonic() > self.deadline
+        return is_past(self.deadline)
 
 
 class Trials:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import signal
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from types import TracebackType
 from typing import Any
+
+from mpge_bench.envs.compiled import is_past
 
 
 class Workers:
@@ -55,7 +56,7 @@ def _begin() -> None:
 def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any], deadline: float) -> list[Any]:
     results: list[Any] = []
     for item in items:
-        if results and time.monotonic() > deadline:
+        if results and is_past(deadline):
             break
         results.append(work(*shared, item))
     return results

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import functools
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.nuisances import Forgiven, Nuisances
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.diagnosis.settings import FitSettings
+from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
 
@@ -76,7 +76,7 @@ class LinearFitter:
     @property
     def late(self) -> bool:
         """Whether the time for fits is up."""
-        return time.monotonic() > self._deadline
+        return is_past(self._deadline)
 
     @property
     def settings(self) -> FitSettings:
