@@ -134,6 +134,9 @@ class ChooseSettings:
     significance: float = _setting(0.01, "probability", "a mismatch is reported below this probability of chance")
     beyond_noise: float = _setting(3.0, "times the noise", "what even so large a noise would not make is a mismatch: the noise is but estimated")
     least_chance: float = _setting(1e-6, "probability", "smaller ones rest on the shape of a distribution far out, and are said to be below it")
+    calm: float = _setting(
+        10.0, "standard deviations", "that half the physics step changes a prediction by: windows beyond miss much by chance, and say nothing by how much"
+    )
     material: float = _setting(0.01, "share of the sum of squares", "an effect that explains less changes no prediction by more than a tenth of the noise")
     coarse_material: float = _setting(0.1, "share of the sum of squares", "the same where both models miss much more than the noise, and for nameless curves")
     coarse: float = _setting(2.0, "times the noise", "what counts as much more than the noise for that")

@@ -40,12 +40,14 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     """Whether there is a mismatch at all, be it one of the `options` or a nameless curve.
 
     Two tests, the smaller p of which counts: signs of the windows (`screen`), which ask nothing of the noise but see little of what acts on few windows; and
-    `chance_of`, which by far overestimates the noise, so that it hardly ever adds a false alarm. Few windows are too little data whatever they miss.
+    `chance_of`, which by far overestimates the noise, so that it hardly ever adds a false alarm. The latter looks at calm windows only: where the motion is
+    so violent that the physics step matters a lot, a right simulator misses it, too. Few windows are too little data whatever they miss.
     """
     model, fitter = nominal(problem)
     found = screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)])
     settings = problem.settings.choose
-    by_size = chance_of(fitter.chi_square(model.fit.cost, slice(None)), len(model.fit.cost), settings)
+    calm = fitter.predictor.coarse < settings.calm
+    by_size = chance_of(fitter.chi_square(model.fit.cost, calm), int(calm.sum()), settings) if calm.any() else 1.0
     if found.least < settings.significance and by_size < found.p_value:
         found = replace(found, p_value=max(by_size, settings.least_chance), is_bound=by_size < settings.least_chance)
     return Mismatch(model, fitter, found)

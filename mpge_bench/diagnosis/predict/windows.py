@@ -70,6 +70,7 @@ class WindowPredictor:
         weight: of each reading, one by its noise; 0 where it is not used; same shape.
         flow: what a change of the starting state becomes after each row, shape (windows, rows, 2 j, 2 j).
         halved_error: how the prediction changes with half the physics step, shape (windows, rows, 2 j).
+        coarse: the same as a root mean square, in standard deviations of the noise, shape (windows,).
     """
 
     def __init__(self, linear: LinearisedSimulator, windows: Windows, sigma: Array, *, consistent: bool = False) -> None:
@@ -86,8 +87,8 @@ class WindowPredictor:
         nothing = np.zeros((count, length, n))
         self.halved_error = self.propagate(nothing, linear.halved[at, before])
         # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
-        coarse = np.mean((self.halved_error * self.weight) ** 2, axis=(1, 2), where=usable) if usable.any() else np.zeros(count)
-        self.weight = self.weight / np.sqrt(1 + coarse / self.settings.coarse**2)[:, None, None]
+        self.coarse = np.sqrt(np.mean((self.halved_error * self.weight) ** 2, axis=(1, 2), where=usable)) if usable.any() else np.zeros(count)
+        self.weight = self.weight / np.sqrt(1 + (self.coarse / self.settings.coarse) ** 2)[:, None, None]
         # Starting states are free: what they can explain is projected out.
         self._starts, self._triangle = np.linalg.qr((self.flow * self.weight[..., None]).reshape(count, -1, 2 * n))
         self.base_error = self.propagate(nothing, linear.defects[at, before])

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.choice import chance_of
-from mpge_bench.diagnosis.settings import ChooseSettings
+from mpge_bench.diagnosis.data.checks import measurements
+from mpge_bench.diagnosis.data.parts import parted
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
+from tests.diagnosis.conftest import ARM, write_rig
 
 
 @pytest.mark.parametrize("windows", [10, 30, 100])
@@ -22,3 +34,22 @@ def test_the_chance_is_that_of_noise_of_the_largest_size() -> None:
     rng = np.random.default_rng(0)
     drawn = np.mean((settings.beyond_noise * rng.standard_normal((20000, 12))) ** 2, axis=1)
     assert chance_of(13.0, 12, settings) == pytest.approx(np.mean(drawn >= 13.0), abs=0.01)
+
+
+def test_what_a_right_simulator_misses_of_violent_motion_is_no_mismatch(tmp_path: Path) -> None:
+    """One recording of five flings a free arm about so that half the physics step, with which all were made, changes predictions by a hundred noises."""
+    path = write_rig(tmp_path, joints={"shoulder": {"mode": "passive"}, "elbow": {"mode": "passive"}})
+    (tmp_path / "arm.urdf").write_text(ARM.replace('damping="0.3"', 'damping="0.0"').replace('damping="0.05"', 'damping="0.0"'))
+    rig, rng, time = read_rig(path), np.random.default_rng(0), 0.01 * np.arange(300)
+    world, still = dataclasses.replace(rig, timestep=rig.timestep / 2).world(substeps=round(0.02 / rig.timestep)), np.zeros((300, 2))
+    recordings = []
+    for number, speed in enumerate((100.0, 0.0, 0.0, 0.0, 0.0)):
+        world.set_state([1.0, 2.0 - 0.5 * number], [0.0, speed])
+        q = world.roll(still)[0]
+        recordings.append(Recording(tmp_path / f"{number}.csv", time, still, q + 2e-4 * rng.standard_normal(q.shape), np.full_like(q, np.nan)))
+    measured = parted(measurements(rig, recordings)).searched
+    linear = reference(rig, measured.recordings)
+    posed = problem(measured, linear, DEFAULT.predict.horizon)
+    found = choice.tested(posed, candidates(rig, scales(linear)))
+    assert found.fitter.chi_square(found.nominal.fit.cost, slice(None)) > 100
+    assert found.screening.p_value > DEFAULT.choose.significance
