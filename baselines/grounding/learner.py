@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from sb3_contrib import TRPO
 from stable_baselines3 import PPO
-from stable_baselines3.common.distributions import kl_divergence
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
@@ -19,11 +17,6 @@ from mpge_bench.baselines.workers import Advance
 
 if TYPE_CHECKING:
     from mpge_bench.baselines.mpg import GroundingSettings
-
-
-#: The Fisher matrix is that of every so manieth step of a batch: its product with a vector, fifteen a batch, takes most of TRPO's time, and a part of the
-#: batch tells it well enough (Schulman et al. 2015, appendix C, take a tenth).
-_FISHER_EVERY = 4
 
 
 class _Learner(OnPolicyAlgorithm):
@@ -75,14 +68,6 @@ class TrustRegion(TRPO, _Learner):
     def narrow(self, share: float) -> None:
         """Go on with this share of the largest step there is."""
         self.target_kl = share * self.grounding.target_kl
-
-    def _compute_actor_grad(self, kl_div: torch.Tensor, policy_objective: torch.Tensor) -> Any:
-        """stable-baselines3's, with the divergence, whose curvature is the Fisher matrix, of a part of the batch."""
-        some = torch.as_tensor(self.rollout_buffer.observations[::_FISHER_EVERY])
-        with torch.no_grad():
-            before = copy.copy(self.policy.get_distribution(some))
-        kl_div = kl_divergence(self.policy.get_distribution(some), before).mean()
-        return super()._compute_actor_grad(kl_div, policy_objective)
 
 
 class ClippedRatio(PPO, _Learner):
