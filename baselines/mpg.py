@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -62,9 +62,6 @@ class GroundingSettings:
     discriminator: DiscriminatorSettings = field(default_factory=DiscriminatorSettings)
     #: πg's inputs are divided by so many standard deviations of the target's states; the wider, the smoother it is where the samples did not go.
     input_spread: float = 1.0
-    #: Share of the batches, the last ones, over which the final πg's weights are averaged (Polyak & Juditsky 1992; of adversarial training Yazıcı et al.
-    #: 2019): what the target's samples hardly tell wanders from batch to batch. With 0 they are the last batch's.
-    averaged: float = 0.0
     #: Steps between two points of the learning curve.
     checkpoint: int = 100_000
 
@@ -115,7 +112,6 @@ def ground(
     learner.policy.features_extractor.set(*_input_scale(target, settings.input_spread, worlds.limit))  # type: ignore[operator]
     discriminator = Discriminator(target, settings.discriminator, generator, shares)
     checkpoints: dict[int, dict[str, Array]] = {}
-    mean = _Mean()
     for batch in range(1, _batches(settings) + 1):  # 3
         # 4-12: roll the current policies out in the grounded source.
         learner.collect(advance)
@@ -136,26 +132,10 @@ def ground(
             learner.logger.record(f"discriminator/{name}", value)
         learner.logger.record("grounding/reward", float(learner.rollout_buffer.rewards.mean()))
         learner.logger.dump(steps)
-        weights = arrays(learner.policy.state_dict())
-        if batch > min(_batches(settings) - 1, _batches(settings) * (1 - settings.averaged)):
-            mean.add(weights)
-        if steps % settings.checkpoint < settings.batch_size:
-            checkpoints[steps] = weights
-    checkpoints[_batches(settings) * settings.batch_size] = mean.weights
+        if steps % settings.checkpoint < settings.batch_size or batch == _batches(settings):
+            checkpoints[steps] = arrays(learner.policy.state_dict())
     worlds.close()
     return checkpoints
-
-
-class _Mean:
-    """The mean of weights."""
-
-    def __init__(self) -> None:
-        self.weights: dict[str, Array] = {}
-        self._count = 0
-
-    def add(self, weights: Mapping[str, Array]) -> None:
-        self._count += 1
-        self.weights = {name: value + (self.weights.get(name, value) - value) * (1 - 1 / self._count) for name, value in weights.items()}
 
 
 def _last_values(learner: OnPolicyAlgorithm) -> torch.Tensor:
