@@ -42,8 +42,14 @@ _STOPWATCH = _Stopwatch()
 event.register("numba:compile", _STOPWATCH)  # type: ignore[no-untyped-call]
 
 
+def begin_budget() -> float:
+    """Now, s of the monotonic clock, when a time budget begins: what this process has compiled before is none of its business."""
+    _STOPWATCH.seconds = 0.0
+    return time.monotonic()
+
+
 def is_past(deadline: float) -> bool:
-    """Whether `deadline`, s of the monotonic clock, is past by more than this process has spent on compiling.
+    """Whether `deadline`, s of the monotonic clock, is past by more than this process has spent on compiling since `begin_budget`.
 
     So the first diagnosis after an install has the time budget of every other.
     """

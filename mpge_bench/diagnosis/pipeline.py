@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +30,7 @@ from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.envs.compiled import begin_budget
 from mpge_bench.envs.effects import Effect
 from mpge_bench.files import write_text
 
@@ -87,7 +87,7 @@ def diagnose(
     Raises:
         UserError: if the nominal simulation is unstable.
     """
-    begun = time.monotonic()
+    begun = begin_budget()
     clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
     parts = parted(measurements(rig, recordings, settings))
     measured = parts.searched

@@ -6,7 +6,7 @@ import numpy as np
 from numba.core import caching
 
 from mpge_bench.envs import compiled as module
-from mpge_bench.envs.compiled import compiled, is_past
+from mpge_bench.envs.compiled import begin_budget, compiled, is_past
 
 
 def _doubled(values: np.ndarray) -> np.ndarray:
@@ -24,7 +24,8 @@ def test_compiling_uses_up_no_time_budget(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(module, "_STOPWATCH", watch := module._Stopwatch())
-    deadline = 100.1
+    watch.seconds = 50.0  # of a diagnosis before
+    deadline = begin_budget() + 0.1
     watch.on_start(None)
     clock[0] += 0.4
     watch.on_start(None)  # one compilation asks for another
