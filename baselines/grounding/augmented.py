@@ -57,8 +57,6 @@ class AugmentedMDP(VecEnvWrapper):
         reached = states.copy()
         for index in np.flatnonzero(dones):
             reached[index] = infos[index]["terminal_observation"]
-            # The terminal state has no augmented observation: with γ > 0 nothing is taken to follow a time limit, with γ = 0 nothing follows anyway.
-            infos[index] = {"episode": infos[index]["episode"]}
         self._made.append(Transitions(self._states, self._action, reached))
         self._by.append(self._member)
         return self._observe(states), np.zeros_like(rewards), dones, infos

@@ -29,7 +29,8 @@ class _Learner(OnPolicyAlgorithm):
         """Fill the rollout buffer with a batch, but for rewards, which are 0; `advance` is told of control steps done.
 
         As stable-baselines3's `collect_rollouts`, which asks torch for actions, probabilities and values in every step. Here the actions are compiled code's
-        and the others are worked out at the end, all at once.
+        and the others are worked out at the end, all at once. Nothing is taken to follow a time limit, whose last state has no augmented observation; with
+        γ = 0 nothing follows anyway.
         """
         mdp, buffer = self.env, self.rollout_buffer
         assert mdp is not None
@@ -40,8 +41,7 @@ class _Learner(OnPolicyAlgorithm):
             buffer.observations[step], buffer.episode_starts[step] = self._last_obs, self._last_episode_starts
             mean, std = acting.distribution(np.asarray(self._last_obs)[:, :-1], member)
             buffer.actions[step] = mean + std * self.noise.standard_normal(mean.shape)
-            self._last_obs, _, self._last_episode_starts, infos = mdp.step(np.clip(buffer.actions[step], -acting.limit, acting.limit))  # type: ignore[assignment]
-            self._update_info_buffer(infos)
+            self._last_obs, _, self._last_episode_starts, _ = mdp.step(np.clip(buffer.actions[step], -acting.limit, acting.limit))  # type: ignore[assignment]
             advance(mdp.num_envs)
         with torch.no_grad():
             flat = (torch.as_tensor(values.reshape(-1, values.shape[-1])) for values in (buffer.observations, buffer.actions))

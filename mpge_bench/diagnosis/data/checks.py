@@ -113,7 +113,7 @@ def _too_fast(recording: Recording, rig: Rig, column: int, settings: DataSetting
         return float(np.std(torques))
 
     # Motion too fast for the rows has accelerations that nobody knows, and may seem to lack anything.
-    known, finer = (differentiate(recording, one)[2][:, column] for one in (settings, replace(settings, smoothing=settings.smoothing / 2)))
+    known, finer = motion[:, 2, column], differentiate(recording, replace(settings, smoothing=settings.smoothing / 2))[2][:, column]
     if np.std(finer - known) > settings.degree_resolved * np.std(known):
         return False
     would = lacking(turned)

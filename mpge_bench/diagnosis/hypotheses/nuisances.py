@@ -54,12 +54,12 @@ class Nuisances:
         self._predictor, self._train = predictor, train
         base, rig = predictor.linear.base, predictor.linear.rig
         settings = self.settings
-        self._columns, self._limits = [predictor.project(predictor.halved_error) * _spread(settings.step_error)], [settings.step_error]
+        self._columns, self._limits = [predictor.project(predictor.halved_error) * _spread(settings.step_error)], [_in_spreads(settings.step_error)]
         for effect in rig.chain(base):
             if effect.implicit_damping > 0:
                 column = predictor.change(rig.joined(base, Armature(effect.target, effect.implicit_damping * rig.timestep)))
                 self._columns.append(column * _spread(settings.implicit_damping))
-                self._limits.append(settings.implicit_damping)
+                self._limits.append(_in_spreads(settings.implicit_damping))
 
     @property
     def settings(self) -> HypothesisSettings:
@@ -80,7 +80,7 @@ class Nuisances:
             columns[0] = halved * _spread(self.settings.step_error)
         delays = np.zeros((0, *residual.shape)) if jacobian is None else self._motor_delays(effects)
         columns = np.concatenate((columns, delays))
-        bounds = np.array([np.divide(one, _spread(one)) for one in [*limits, *[self.settings.motor_step] * len(delays)]])
+        bounds = np.array([*limits, *[_in_spreads(self.settings.motor_step)] * len(delays)])
         known = np.ones(len(columns))
         if len(delays) and jacobian is not None:
             size = np.sqrt((jacobian**2).sum((1, 2), keepdims=True))
@@ -99,12 +99,12 @@ class Nuisances:
         """
         return self._of(effects)[0], self._motor_delays(effects)
 
-    def _of(self, effects: Sequence[Effect]) -> tuple[Array, list[tuple[float, float]]]:
-        """Columns, projected, and limits of what is forgiven beside `effects` in fits."""
+    def _of(self, effects: Sequence[Effect]) -> tuple[Array, list[Array]]:
+        """Columns, projected, and limits of what is forgiven beside `effects` in fits, both by standard deviations."""
         lead = self._friction_lead(effects)
         if lead is None:
             return np.array(self._columns), self._limits
-        return np.array([*self._columns, lead]), [*self._limits, self.settings.friction_lead]
+        return np.array([*self._columns, lead]), [*self._limits, _in_spreads(self.settings.friction_lead)]
 
     def _bounded(self, columns: Array, residual: Array, bounds: Array, known: Array, *, exact: bool) -> Array:
         """Least squares within bounds on the train windows; `exact`, or by coordinate descent, which is enough for a handful of unknowns.
@@ -142,3 +142,8 @@ def _spread(limits: tuple[float, float]) -> float:
     """Root mean square of what lies anywhere within `limits`."""
     low, high = limits
     return math.sqrt((low**2 + low * high + high**2) / 3)
+
+
+def _in_spreads(limits: tuple[float, float]) -> Array:
+    """`limits` in standard deviations of what lies within them."""
+    return np.divide(limits, _spread(limits))

@@ -18,7 +18,8 @@ from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
-from tests.diagnosis.conftest import ARM, write_rig
+
+from ..conftest import ARM, write_rig
 
 
 @pytest.mark.parametrize("windows", [10, 30, 100])
