@@ -1,6 +1,6 @@
 """Whether a change of the diagnosis changed what it says: run it on some cases before and after, and compare the two folders exactly, or but for rounding.
 
-    python benchmarks/diagnosis_gate.py run concealed/given before --cut 3 --recordings 2
+    python benchmarks/diagnosis_gate.py run concealed/given before --cut 5
     python benchmarks/diagnosis_gate.py compare before after
     python benchmarks/diagnosis_gate.py compare before after --rounding 1e-6
 

@@ -171,7 +171,7 @@ class ChooseSettings:
 class VerdictSettings:
     """Of what is said of the answer."""
 
-    explained: float = _setting(1.5, "times the noise", "what is left on held-out windows below which named physics explains a mismatch")
+    explained: float = _setting(1.5, "times the noise", "what is left below which named physics explains a mismatch")
     confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
     surely: float = _setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
     no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")

@@ -1,4 +1,4 @@
-"""Forward selection with a beam: models grow by one effect a round, as long as held-out recordings gain."""
+"""Forward selection with a beam: models grow by one effect a round, as long as validation recordings gain."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def grow(trials: Trials, screening: Screening) -> None:
         if depth and not is_better(trials.problem, before, best):
             break
         # A model far from the noise may still be half of the truth, but not where another has reached it.
-        near = settings.held if best.held_out < settings.held else settings.half_truth
-        beam = [pair for pair in grown[: settings.beam] if pair[0].held_out < near * best.held_out]
+        near = settings.held if best.validation < settings.held else settings.half_truth
+        beam = [pair for pair in grown[: settings.beam] if pair[0].validation < near * best.validation]
         if trials.cut_short("combining effects"):
             break
         rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
@@ -80,7 +80,7 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
 
 
 def _polished(trials: Trials, drafts: list[Model], depth: int) -> Beam:
-    """The best drafts fitted to the end, the one that predicts held-out recordings best first."""
+    """The best drafts fitted to the end, the one that predicts validation recordings best first."""
     settings = trials.settings
     # Where one model is near, one that is far off cannot catch up.
     hopeless = settings.hopeless[min(depth, 1)] * drafts[0].overall
@@ -90,7 +90,7 @@ def _polished(trials: Trials, drafts: list[Model], depth: int) -> Beam:
         pairs[0] = trials.converged(*pairs[0])
     for model, _ in pairs:
         trials.add(model)
-    return sorted(pairs, key=lambda pair: pair[0].held_out)
+    return sorted(pairs, key=lambda pair: pair[0].validation)
 
 
 def _renew_noise(trials: Trials, model: Model) -> None:

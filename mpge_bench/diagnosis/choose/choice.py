@@ -86,7 +86,7 @@ class Choice:
 def choose(
     problem: Problem, options: Sequence[Candidate], workers: Workers, clock: Clock, advance: Callable[[int], None] = lambda steps: None
 ) -> Choice:
-    """The smallest set of effects, out of `options`, that predicts held-out recordings as well as any; with a nameless curve where none does."""
+    """The smallest set of effects, out of `options`, that predicts validation recordings as well as any; with a nameless curve where none does."""
     mismatch = tested(problem, options)
     trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
     chosen = mismatch.nominal

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.exported import no_worse
 from mpge_bench.diagnosis.choose.score import gain, is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.curves import solved
@@ -18,11 +17,11 @@ from mpge_bench.envs.effects import Effect, UnknownTorque
 
 
 def with_curves(trials: Trials, chosen: Model) -> Model:
-    """`chosen` and, where a nameless curve predicts held-out recordings much better, that curve with what is still needed beside it."""
+    """`chosen` and, where a nameless curve predicts validation recordings much better, that curve with what is still needed beside it."""
     problem, settings = trials.problem, trials.settings
     clean = problem.settings.fit.clean
     for _ in problem.rig.joints:
-        if (chosen.train < clean and chosen.held_out < clean) or trials.cut_short("nameless curves"):
+        if (chosen.train < clean and chosen.validation < clean) or trials.cut_short("nameless curves"):
             break
         predictor = problem.fitter(chosen.effects).predictor
         present = {(one.target, one.goes_by) for one in chosen.effects if not one.named}
@@ -31,7 +30,7 @@ def with_curves(trials: Trials, chosen: Model) -> Model:
         if share < settings.coarse_material:
             break
         rich = _fitted(trials, chosen.effects, replace(curve, torque=tuple(torques)))
-        if gain(chosen, rich, problem.held_out)[0] < settings.coarse_material or not is_better(problem, chosen, rich) or not no_worse(problem, rich, chosen):
+        if gain(chosen, rich, problem.validation)[0] < settings.coarse_material or not is_better(problem, chosen, rich) or not trials.no_worse(rich, chosen):
             break
         chosen = _still_needed(trials, chosen, rich, curve)
     return chosen
@@ -41,7 +40,7 @@ def _still_needed(trials: Trials, named: Model, chosen: Model, curve: UnknownTor
     """`chosen`, which is `named` and `curve`, without effects that the curve makes needless."""
     problem, settings = trials.problem, trials.settings
     # A curve could swallow named physics of the same signal; where that explained most by itself it keeps its name.
-    every = np.ones_like(problem.held_out)
+    every = np.ones_like(problem.validation)
     mostly = gain(trials.nominal, named, every)[0] > settings.mostly * gain(trials.nominal, chosen, every)[0]
     for effect in [one for one in chosen.effects if one.named]:
         if trials.cut_short("nameless curves"):
@@ -50,7 +49,7 @@ def _still_needed(trials: Trials, named: Model, chosen: Model, curve: UnknownTor
             continue
         rest = [other for other in chosen.effects if (other.name, other.target) != (effect.name, effect.target)]
         less = _fitted(trials, rest[:-1], rest[-1])
-        if gain(less, chosen, problem.held_out)[0] < settings.coarse_material:
+        if gain(less, chosen, problem.validation)[0] < settings.coarse_material:
             chosen = less
     return chosen
 

@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from mpge_bench.diagnosis.data.recording import Recording
-from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.simulated import error_at_once
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 
-
-def error_of(problem: Problem, recordings: Sequence[Recording], effects: tuple[Effect, ...]) -> float:
-    """Root mean square error of all positions in `recordings`, predicted with `effects`; infinite if the simulation is unstable."""
-    try:
-        predictions = [error_at_once(problem.rig, one, problem.horizon, effects, problem.settings) for one in recordings]
-    except UserError:
-        return math.inf
-    return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))
+#: Effects -> root mean square error of all positions, predicted with them.
+ExportedError = Callable[[tuple[Effect, ...]], float]
 
 
-def no_worse(problem: Problem, rich: Model, simple: Model) -> bool:
-    """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`."""
+def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
+    """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable."""
+
+    @functools.cache
+    def error(effects: tuple[Effect, ...]) -> float:
+        try:
+            predictions = [error_at_once(problem.rig, one, problem.horizon, effects, problem.settings) for one in recordings]
+        except UserError:
+            return math.inf
+        return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))
+
+    return error
+
+
+def validation_recordings(problem: Problem) -> list[Recording]:
+    """What models are chosen by, whole; of a single recording its end."""
     windows = problem.windows
-    chosen_by = sorted(set(windows.recording[problem.held_out].tolist()))
-    parts = [problem.recordings[r] for r in chosen_by]
+    parts = [problem.recordings[r] for r in sorted(set(windows.recording[problem.validation].tolist()))]
     if len(problem.recordings) == 1 and parts:
-        first = int(windows.start[problem.held_out].min()) * problem.linear.motion.stride
+        first = int(windows.start[problem.validation].min()) * problem.linear.motion.stride
         parts = [parts[0].rows(slice(first, None))]
-    return error_of(problem, parts, rich.effects) <= error_of(problem, parts, simple.effects)
+    return parts

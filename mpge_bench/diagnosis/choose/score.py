@@ -31,10 +31,10 @@ def gain(simple: Model, rich: Model, windows: npt.NDArray[np.bool_]) -> tuple[fl
 def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     """Whether `rich` predicts better than `simple`: materially, all windows beyond two standard errors, and held-out ones too if they are touched at all.
 
-    A handful of parameters cannot overfit thousands of rows by a material share, and the held-out windows of a few seconds are too few for a test. What
+    A handful of parameters cannot overfit thousands of rows by a material share, and the validation windows of a few seconds are too few for a test. What
     seldom happens, as a limit that is seldom reached, is judged on the windows where it does.
     """
-    settings, held = problem.settings.choose, problem.held_out
+    settings, held = problem.settings.choose, problem.validation
     every = np.ones_like(held)
     apart = np.abs(rich.fit.cost - simple.fit.cost) > settings.touched * np.minimum(rich.fit.cost, simple.fit.cost)
     share, error = gain(simple, rich, apart if apart.sum() > settings.few_touched else every)

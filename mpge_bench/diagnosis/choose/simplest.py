@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mpge_bench.diagnosis.choose.exported import no_worse
 from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -15,15 +14,15 @@ from mpge_bench.envs.effects import Effect
 
 
 def simplest(trials: Trials) -> Model:
-    """The model of fewest parameters that no other beats on held-out windows; one whose effects are all sure, if there is.
+    """The model of fewest parameters that no other beats on validation windows; one whose effects are all sure, if there is.
 
     None that predicts worse in the simulator as it is exported than the simulator without it.
     """
     problem = trials.problem
-    best = min(trials.models, key=lambda one: one.held_out)
+    best = min(trials.models, key=lambda one: one.validation)
     equal = [one for one in trials.models if not is_better(problem, one, best)]
-    equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.held_out))
-    chosen = next((one for one in equal if no_worse(problem, one, trials.nominal)), trials.nominal)
+    equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
+    chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)
     return _plainer(trials, _needed(trials, chosen))
 
 
@@ -39,7 +38,7 @@ def _needed(trials: Trials, chosen: Model) -> Model:
         kept = [known[key(effects)] for effects in fewer if key(effects) in known and not is_better(problem, known[key(effects)], chosen)]
         if not kept:
             break
-        chosen = min(kept, key=lambda one: one.held_out)
+        chosen = min(kept, key=lambda one: one.validation)
     return chosen
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mpge_bench.diagnosis.choose.exported import exported_error, validation_recordings
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -54,6 +55,7 @@ class Trials:
         self.candidates, self.workers, self.clock = tuple(candidates), workers, clock
         self._advance = advance
         self.cut: dict[str, None] = {}
+        self._exported = exported_error(problem, validation_recordings(problem))
         self.begin(problem, nominal)
 
     def begin(self, problem: Problem, nominal: tuple[Model, LinearFitter]) -> None:
@@ -75,7 +77,7 @@ class Trials:
     def fitted(self, model: Model) -> Model:
         """Count `model` as fitted."""
         values = [[float(f"{value:.4g}") for value in parameters_of(effect)] for effect in model.effects]
-        _log.debug("%s %s: %.4g %.4g (%d)", label(model.effects), values, model.train, model.held_out, model.parameters)
+        _log.debug("%s %s: %.4g %.4g (%d)", label(model.effects), values, model.train, model.validation, model.parameters)
         self._advance(1)
         return model
 
@@ -83,6 +85,10 @@ class Trials:
         """Count `model` as fitted and note it as one that may be chosen."""
         self.models.append(self.fitted(model))
         return model
+
+    def no_worse(self, rich: Model, simple: Model) -> bool:
+        """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`."""
+        return self._exported(rich.effects) <= self._exported(simple.effects)
 
     def known(self) -> dict[frozenset[str], Model]:
         """The last model of each set of effects."""

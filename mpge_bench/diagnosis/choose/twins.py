@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.exported import no_worse
 from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
@@ -69,7 +68,7 @@ def plainest(trials: Trials, chosen: Model) -> Model:
         if trials.cut_short("the plainest of equals"):
             break
         model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
-        if not is_better(problem, model, chosen) and no_worse(problem, model, trials.nominal):
+        if not is_better(problem, model, chosen) and trials.no_worse(model, trials.nominal):
             return model
     return chosen
 

@@ -13,13 +13,13 @@ Array = npt.NDArray[np.float64]
 
 
 def solved(problem: Problem, model: Model, columns: Array) -> tuple[float, Array]:
-    """What a curve beside `model` adds on held-out windows, the logarithm of by how much the sum of squares falls, and its torques, shape (knots,).
+    """What a curve beside `model` adds on validation windows, the logarithm of by how much the sum of squares falls, and its torques, shape (knots,).
 
     Args:
         columns: of the curve, shape (knots, windows, rows * channels).
     """
     residuals = model.fit.residuals
-    train = np.flatnonzero(~problem.held_out)
+    train = np.flatnonzero(~problem.validation)
     weight = 1 / np.sqrt(np.mean(residuals**2, 1) + 1e-9)
     bend = np.diff(np.eye(len(columns)), 2, axis=0)
 
@@ -36,4 +36,4 @@ def solved(problem: Problem, model: Model, columns: Array) -> tuple[float, Array
     halves = train[::2], train[1::2]
     best = max((ratio(solve(halves[0], size), halves[1]) + ratio(solve(halves[1], size), halves[0]), size) for size in problem.settings.fit.stiffnesses)[1]
     torques = solve(train, best)
-    return ratio(torques, np.flatnonzero(problem.held_out)), torques
+    return ratio(torques, np.flatnonzero(problem.validation)), torques

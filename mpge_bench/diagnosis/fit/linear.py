@@ -175,12 +175,15 @@ class LinearFitter:
                 return np.concatenate(((left.residuals * weights)[self.train].ravel(), left.sizes, settings.hold * (z - first / size)))
 
             z = least_squares(missed, z, bounds=bounds, diff_step=step, max_nfev=evaluations, xtol=settings.tolerance, ftol=settings.cost_tolerance).x
+            here = self._at(effects, z, size, step, high)
             if evaluations > 1:
-                settled = np.clip(z + self._shared(self._at(effects, z, size, step, high), weights) / size, *bounds)
-                z = settled if (missed(settled) ** 2).sum() < (missed(z) ** 2).sum() else z
+                settled = np.clip(z + self._shared(here, weights) / size, *bounds)
+                if (missed(settled) ** 2).sum() < (missed(z) ** 2).sum():
+                    z = settled
+                    here = self._at(effects, z, size, step, high)
             if np.ptp(weights) < settings.reweighted or self.late:
                 break
-        return self._at(effects, z, size, step, high)
+        return here
 
     def _shared(self, fit: Fit, weights: Array) -> Array:
         """Changes of the parameters of `fit`, shape (parameters,), by which they take over what nuisances explain no better than they.

@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
-from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, held_out_windows, windows_of
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
 from mpge_bench.envs.effects.vector import parameters_of, sizes_of
@@ -35,7 +35,7 @@ class Problem:
     Attributes:
         linear: without effects.
         windows: in which predictions are judged.
-        held_out: which of them are kept from fitting, and choose between models, shape (windows,).
+        validation: which of them are kept from fitting, and choose between models, shape (windows,).
         sigma: the noise as it is estimated now, shape (2 joints,).
         horizon: how far ahead predictions are judged, s.
         deadline: s of the monotonic clock, which all processes share, after which fits end as soon as they have an answer.
@@ -44,7 +44,7 @@ class Problem:
     measurements: Measurements
     linear: LinearisedSimulator
     windows: Windows
-    held_out: npt.NDArray[np.bool_]
+    validation: npt.NDArray[np.bool_]
     sigma: Array
     horizon: float
     deadline: float = math.inf
@@ -88,13 +88,13 @@ class Problem:
         predictor = WindowPredictor(linear, self.windows, self.sigma)
         if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:
             predictor = WindowPredictor(linear, self.windows, self.sigma, consistent=True)
-        return LinearFitter(predictor, ~self.held_out, self.deadline)
+        return LinearFitter(predictor, ~self.validation, self.deadline)
 
 
 def problem(measurements: Measurements, linear: LinearisedSimulator, horizon: float, deadline: float = math.inf) -> Problem:
     """What is to be fitted until the `deadline`: the recordings, cut into windows of `horizon` s, by the simulator that is linearised about them."""
     windows = windows_of(linear.motion, horizon)
-    return Problem(measurements, linear, windows, held_out_windows(windows, linear.motion), linear.motion.sigma, horizon, deadline)
+    return Problem(measurements, linear, windows, validation_windows(windows, linear.motion), linear.motion.sigma, horizon, deadline)
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Model:
 
     Attributes:
         fit: effects and what they leave.
-        train, held_out, overall: `LinearFitter.chi_square` of the windows for fitting, of those for choosing, and of all.
+        train, validation, overall: `LinearFitter.chi_square` of the windows for fitting, of those for choosing, and of all.
         typical: median over all windows.
         parameters: how many directions of its parameters the recordings tell.
         untold: its parameters that the recordings do not tell, by their indices; those that are told only together are one group.
@@ -114,7 +114,7 @@ class Model:
 
     fit: Fit
     train: float
-    held_out: float
+    validation: float
     overall: float
     typical: float
     parameters: int
@@ -151,7 +151,7 @@ def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
     return Model(
         fit,
         train=fitter.chi_square(cost),
-        held_out=fitter.chi_square(cost, problem.held_out),
+        validation=fitter.chi_square(cost, problem.validation),
         overall=fitter.chi_square(cost, slice(None)),
         typical=float(np.median(cost / fitter.count)),
         parameters=int((strength > problem.settings.fit.told).sum()),

@@ -46,7 +46,7 @@ def windows_of(motion: Motion, horizon: float) -> Windows:
     return Windows(recording, start, length)
 
 
-def held_out_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_]:
+def validation_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_]:
     """Which windows are kept from fitting, for choosing, shape (windows,): those of the last recordings, of a single one its end."""
     settings = motion.settings.predict
     count = len(motion.rows)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import error_of
+from mpge_bench.diagnosis.choose.exported import ExportedError, exported_error
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.parts import Parts
-from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.hypotheses.candidates import label
 from mpge_bench.diagnosis.predict.smooth import rebase
 from mpge_bench.diagnosis.verdict.accuracy import accuracy
@@ -26,7 +24,8 @@ from mpge_bench.envs.effects import Effect, UnknownTorque
 
 def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResult, tuple[Effect, ...]]:
     """The verdict on `choice`, with all that it rests on, and the effects that are reported."""
-    choice, taken_back = proven(choice, parts.unseen)
+    error = exported_error(choice.problem, parts.unseen)
+    choice, taken_back = proven(choice, error)
     problem, chosen = choice.problem, choice.chosen
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
@@ -34,7 +33,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     mismatch = verdict not in ("no_mismatch", "too_little_data")
     more = more_data(choice) if verdict == "too_little_data" else None
     fit, trajectories = accuracy(choice, after, parts.unseen)
-    others = rivals(choice, lambda effects: error_of(problem, parts.unseen, effects))
+    others = rivals(choice, error)
     alike, confidence = confusions(choice)
     joints = joint_evidence(problem, after, corrected=bool(chosen.effects))
     where = places(problem.rig, joints, chosen.effects, settings.verdict)
@@ -63,10 +62,14 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     return result, chosen.effects
 
 
-def proven(choice: Choice, unseen: Sequence[Recording]) -> tuple[Choice, tuple[str, ...]]:
-    """`choice`, its answer taken back where it predicts what nobody has looked at worse than the simulator without it; and a line that says so."""
-    problem, effects = choice.problem, choice.chosen.effects
-    before, after = error_of(problem, unseen, ()), error_of(problem, unseen, effects)
+def proven(choice: Choice, error: ExportedError) -> tuple[Choice, tuple[str, ...]]:
+    """`choice`, its answer taken back where it predicts what nobody has looked at worse than the simulator without it; and a line that says so.
+
+    Args:
+        error: of effects, on the held-out recordings.
+    """
+    effects = choice.chosen.effects
+    before, after = error(()), error(effects)
     if after <= before:
         return choice, ()
     line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({after:.3g} against {before:.3g}), and is not reported."
@@ -81,7 +84,7 @@ def verdict_of(choice: Choice) -> str:
         told = choice.test.least < settings.choose.significance and choice.nominal.overall < settings.verdict.explained
         return "no_mismatch" if told else "too_little_data"
     if not chosen.effects and chosen.overall < settings.verdict.explained:
-        # Significant perhaps, but no model predicts held-out recordings any better, and what is missed is about the noise.
+        # Significant perhaps, but no model predicts validation recordings any better, and what is missed is about the noise.
         return "no_mismatch"
     if not any(effect.named for effect in chosen.effects):
         return "unexplained"
@@ -91,7 +94,7 @@ def verdict_of(choice: Choice) -> str:
 
 def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
     problem = choice.problem
-    chosen_by = set(problem.windows.recording[problem.held_out].tolist())
+    chosen_by = set(problem.windows.recording[problem.validation].tolist())
     names = [one.path.name for one in problem.recordings]
     cut = "" if parts.whole else f"the last {100 * problem.settings.data.unseen:.0f}% of "
     return {

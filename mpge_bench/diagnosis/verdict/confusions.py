@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.exported import ExportedError
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.hypotheses.candidates import key, label
 from mpge_bench.diagnosis.verdict.result import Confusion, Rival
-from mpge_bench.envs.effects import CATALOGUE, Effect
+from mpge_bench.envs.effects import CATALOGUE
 from mpge_bench.envs.effects.vector import parameters_of
 
 
-def rivals(choice: Choice, error_of: Callable[[tuple[Effect, ...]], float]) -> tuple[Rival, ...]:
+def rivals(choice: Choice, error_of: ExportedError) -> tuple[Rival, ...]:
     """The best of the other models that were tried.
 
     Args:
-        error_of: effects -> root mean square error on the held-out recordings.
+        error_of: effects, on the held-out recordings.
     """
-    chosen, held = choice.chosen, choice.problem.held_out
+    chosen, held = choice.chosen, choice.problem.validation
     found: dict[frozenset[str], Model] = {}
-    for one in sorted([choice.nominal, *choice.models], key=lambda one: one.held_out):
+    for one in sorted([choice.nominal, *choice.models], key=lambda one: one.validation):
         if one.key != chosen.key and one.fit.residuals.shape == chosen.fit.residuals.shape:
             found.setdefault(one.key, one)
     result, least = [], error_of(chosen.effects)
     for one in list(found.values())[: choice.problem.settings.verdict.rivals]:
-        behind = float((one.fit.cost - chosen.fit.cost)[held].sum()) / 2 / max(1.0, chosen.held_out)
+        behind = float((one.fit.cost - chosen.fit.cost)[held].sum()) / 2 / max(1.0, chosen.validation)
         values = "; ".join(", ".join(f"{value:.4g}" for value in parameters_of(effect)) for effect in one.effects)
         error = error_of(one.effects)
         # What predicts unseen recordings as well is not ruled out by others.

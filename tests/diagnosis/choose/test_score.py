@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.settings import DEFAULT
 
 WINDOWS = 40
-PROBLEM: Any = SimpleNamespace(settings=DEFAULT, held_out=np.arange(WINDOWS) >= 30)
+PROBLEM: Any = SimpleNamespace(settings=DEFAULT, validation=np.arange(WINDOWS) >= 30)
 
 
 def model(cost: np.ndarray) -> Model:
@@ -37,7 +37,7 @@ def test_a_gain_must_be_material_and_hold_on_unseen_windows() -> None:
     cost = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
     assert is_better(PROBLEM, model(cost), model(0.9 * cost))
     assert not is_better(PROBLEM, model(cost), model(0.995 * cost))
-    overfitted = np.where(PROBLEM.held_out, 1.1, 0.7) * cost
+    overfitted = np.where(PROBLEM.validation, 1.1, 0.7) * cost
     assert not is_better(PROBLEM, model(cost), model(overfitted))
     # Far from the noise a tenth is needed.
     assert not is_better(PROBLEM, model(100 * cost), model(95 * cost))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import error_of
+from mpge_bench.diagnosis.choose.exported import exported_error
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
@@ -28,14 +28,14 @@ def choice_of(problem: Any, nominal: Any, chosen: Any, models: tuple[Any, ...] =
 def test_what_predicts_unseen_recordings_worse_is_taken_back(rig: Rig) -> None:
     problem: Any = SimpleNamespace(rig=rig, horizon=0.5, settings=DEFAULT)
     truth, spring = ViscousFriction("elbow", 0.02), JointSpring("elbow", 50.0)
-    unseen = [record(rig, [truth], seconds=1.5, seed=3)]
+    error = exported_error(problem, [record(rig, [truth], seconds=1.5, seed=3)])
     nominal = SimpleNamespace(effects=())
     right = choice_of(problem, nominal, SimpleNamespace(effects=(truth,)))
-    assert proven(right, unseen) == (right, ())
-    kept, (line,) = proven(choice_of(problem, nominal, SimpleNamespace(effects=(truth, spring))), unseen)
+    assert proven(right, error) == (right, ())
+    kept, (line,) = proven(choice_of(problem, nominal, SimpleNamespace(effects=(truth, spring))), error)
     assert kept.chosen is nominal
     assert "joint_spring:elbow" in line
-    assert f"{error_of(problem, unseen, (truth, spring)):.3g} against {error_of(problem, unseen, ()):.3g}" in line
+    assert f"{error((truth, spring)):.3g} against {error(()):.3g}" in line
 
 
 def test_what_predicts_unseen_recordings_as_well_is_not_ruled_out() -> None:
@@ -43,7 +43,7 @@ def test_what_predicts_unseen_recordings_as_well_is_not_ruled_out() -> None:
         fit = Fit((effect,), np.full((8, 5), left), np.zeros((1, 8, 5)))
         return Model(fit, left**2, left**2, left**2, left**2, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
 
-    problem: Any = SimpleNamespace(settings=DEFAULT, held_out=np.arange(8) > 5)
+    problem: Any = SimpleNamespace(settings=DEFAULT, validation=np.arange(8) > 5)
     chosen, better, worse = model(ViscousFriction("a", 1.0), 1.0), model(ViscousFriction("b", 1.0), 3.0), model(ViscousFriction("c", 1.0), 4.0)
     errors = {"a": 0.00256, "b": 0.00215, "c": 0.009}
     found = rivals(choice_of(problem, worse, chosen, (better, worse)), lambda effects: errors[effects[0].target])
@@ -53,4 +53,4 @@ def test_what_predicts_unseen_recordings_as_well_is_not_ruled_out() -> None:
 
 def test_an_unstable_model_has_an_infinite_error(rig: Rig) -> None:
     problem: Any = SimpleNamespace(rig=rig, horizon=0.5, settings=DEFAULT)
-    assert error_of(problem, [record(rig, seconds=1.0)], (JointSpring("elbow", 1e5), ViscousFriction("elbow", 1e4))) == np.inf
+    assert exported_error(problem, [record(rig, seconds=1.0)])((JointSpring("elbow", 1e5), ViscousFriction("elbow", 1e4))) == np.inf
