@@ -9,7 +9,8 @@ diagnosis is written. Diagnoses that are there already are not made again, so a 
 Columns: verdict; whether effects and targets are exactly right (`~`: right up to what the diagnosis itself calls indistinguishable); largest relative error of
 a parameter; p; error of `simulate` with the corrected rig on the unseen test recordings, 0.5 s ahead, as a multiple of what the true effect gives in the same
 simulator (and before: of the uncorrected rig); seconds. Below, where effects and targets are exactly right, how many parameters lie within their 95% intervals,
-and how many standard errors they are off (root mean square), by effect. Exit status 1 if a case fails.
+and how many standard errors they are off (root mean square), by effect; and how often answers are right, by the confidence that they state. Exit status 1 if a
+case fails.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatch
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +42,8 @@ from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
 
 HORIZON = 0.5
+#: Of stated confidences.
+BINS = 5
 
 
 def main() -> int:
@@ -61,29 +66,73 @@ def main() -> int:
         out.mkdir(parents=True, exist_ok=True)
         (out / "console.txt").write_text(done.stdout + done.stderr)
         (out / "seconds.txt").write_text(f"{time.monotonic() - begun:.1f}")
-    rows = [score(case, arguments.folder / "kept" / case.name, arguments.out / case.name) for case in track(cases, "scoring", console=console)]
+    scored = [Case(arguments.folder / "kept" / case.name, arguments.out / case.name) for case in cases]
+    rows = [score(rig, case) for rig, case in track(list(zip(cases, scored, strict=True)), "scoring", console=console)]
     table = Table(*rows[0], title=str(arguments.folder))
     for row in rows:
         table.add_row(*map(str, row.values()))
     Console(width=220).print(table)
-    off: dict[str, list[float]] = {}
-    for case in cases:
-        for name, values in deviations(arguments.folder / "kept" / case.name, arguments.out / case.name):
-            for line in (name, "all"):
-                off.setdefault(line, []).extend(values)
-    for name, values in sorted(off.items()):
-        inside = sum(abs(one) <= DEFAULT.verdict.interval for one in values)
-        console.print(f"{name}: {inside} of {len(values)} within their 95% intervals, off by {np.sqrt(np.mean(np.square(values))):.2f} standard errors")
+    for line in (*coverage(scored), *calibration(scored)):
+        console.print(line)
     (arguments.out / "scores.json").write_text(json.dumps(rows, indent=1))
     passed = sum(row["pass"] == "yes" for row in rows)
     console.print(f"{passed} of {len(rows)} cases pass")
     return 0 if passed == len(rows) else 1
 
 
-def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Case:
+    """What is kept of a case, and what the diagnosis wrote."""
+
+    kept: Path
+    out: Path
+
+    @cached_property
+    def truth(self) -> list[dict[str, Any]]:
+        """The effects, as label.yaml has them."""
+        found: list[dict[str, Any]] = yaml.safe_load((self.kept / "label.yaml").read_text())["effects"]
+        return found
+
+    @cached_property
+    def data(self) -> dict[str, Any]:
+        """diagnosis.json; empty if there is none."""
+        path = self.out / "diagnosis.json"
+        return json.loads(path.read_text()) if path.exists() else {}
+
+    @property
+    def named(self) -> bool:
+        """Whether effects and targets are exactly right."""
+        found = [(one["effect"], one["target"]) for one in self.data.get("effects", ())]
+        return Counter(found) == Counter((one["effect"], one["target"]) for one in self.truth)
+
+
+def coverage(cases: Sequence[Case]) -> Iterator[str]:
+    """How many parameters lie within their intervals, by effect and in all."""
+    off: dict[str, list[float]] = {}
+    for case in cases:
+        for name, values in deviations(case):
+            for line in (name, "all"):
+                off.setdefault(line, []).extend(values)
+    for name, values in sorted(off.items()):
+        inside = sum(abs(one) <= DEFAULT.verdict.interval for one in values)
+        yield f"{name}: {inside} of {len(values)} within their 95% intervals, off by {np.sqrt(np.mean(np.square(values))):.2f} standard errors"
+
+
+def calibration(cases: Sequence[Case]) -> Iterator[str]:
+    """How many answers are right, by the confidence that they state; of effects in the catalogue."""
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for case in cases:
+        said = [one["confidence"] for one in case.data.get("effects", ()) if one["confidence"] is not None]
+        if said and all(one["catalogued"] for one in case.truth):
+            bins.setdefault(min(int(BINS * min(said)), BINS - 1), []).append((min(said), case.named))
+    for index, found in sorted(bins.items()):
+        stated, right = np.mean([confidence for confidence, _ in found]), sum(right for _, right in found)
+        yield f"confidence {index / BINS:.1f} to {(index + 1) / BINS:.1f}: {right} of {len(found)} right ({right / len(found):.0%}), {stated:.0%} stated"
+
+
+def score(given: Path, case: Case) -> dict[str, Any]:
     """One row of the table."""
-    label = yaml.safe_load((kept / "label.yaml").read_text())
-    truth = label["effects"]
+    truth, data, out = case.truth, case.data, case.out
     named = " + ".join(f"{one['effect']}:{one['target']}" for one in truth) or "nothing"
     row: dict[str, Any] = {
         "case": given.name,
@@ -98,9 +147,8 @@ def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
     }
     row["s"] = (out / "seconds.txt").read_text() if (out / "seconds.txt").exists() else "-"
     row["pass"] = "no"
-    if not (out / "diagnosis.json").exists():
+    if not data:
         return row
-    data = json.loads((out / "diagnosis.json").read_text())
     found = [(one["effect"], one["target"]) for one in data["effects"]]
     row["found"] = " + ".join(f"{name}:{target}" for name, target in found) or "nothing"
     row["verdict"], row["p"] = data["verdict"], f"{data['p_value']:.2g}"
@@ -114,18 +162,17 @@ def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
         there = all(one["target"] in joints for one in truth)
         row["right"] = "yes" if there and data["verdict"] in ("unexplained", "partly_explained") and not [one for one in found if one[0] != "unknown"] else "no"
     else:
-        same = Counter(found) == Counter(wanted)
         chosen, true = " + ".join(f"{a}:{b}" for a, b in found), {f"{a}:{b}" for a, b in wanted}
         alike = any(set(pair[0].split(" + ")) == set(chosen.split(" + ")) and set(pair[1].split(" + ")) == true for pair in data["indistinguishable"])
-        row["right"] = "yes" if same else "~" if alike else "no"
-        if same:
+        row["right"] = "yes" if case.named else "~" if alike else "no"
+        if case.named:
             values = {(one["effect"], one["target"]): one["parameters"] for one in data["effects"]}
             for one in truth:
                 for name, value in one["value"].items():
                     worst = max(worst, _off(values[one["effect"], one["target"]][name]["value"], value))
             row["parameter"] = f"{100 * worst:.1f}%"
     rig = read_rig(given / "rig.yaml")
-    tests = [read_recording(path, rig) for path in sorted(kept.glob("test_*.csv"))]
+    tests = [read_recording(path, rig) for path in sorted(case.kept.glob("test_*.csv"))]
     corrected = _error(read_rig(out / "corrected.yaml"), tests)
     nominal = _error(rig, tests)
     if catalogued:
@@ -142,17 +189,15 @@ def score(given: Path, kept: Path, out: Path) -> dict[str, Any]:
     return row
 
 
-def deviations(kept: Path, out: Path) -> Iterator[tuple[str, list[float]]]:
+def deviations(case: Case) -> Iterator[tuple[str, list[float]]]:
     """Each effect's name and how far its parameters are off, in standard errors as their intervals tell them; nothing where not all effects are right.
 
     Of a parameter that the recordings do not tell nothing is said.
     """
-    truth = yaml.safe_load((kept / "label.yaml").read_text())["effects"]
-    found = json.loads((out / "diagnosis.json").read_text())["effects"] if (out / "diagnosis.json").exists() else []
-    values = {(one["effect"], one["target"]): one["parameters"] for one in found}
-    if set(values) != {(one["effect"], one["target"]) for one in truth}:
+    if not case.named:
         return
-    for one in truth:
+    values = {(one["effect"], one["target"]): one["parameters"] for one in case.data.get("effects", ())}
+    for one in case.truth:
         off: list[float] = []
         for name, true in one["value"].items():
             said = values[one["effect"], one["target"]][name]
