@@ -266,7 +266,9 @@ class UnknownTorque(Effect):
         most = max(abs(value) for value in self.torque)
         signal = {"q": "position", "dq": "speed", "command": "motor's command"}[self.signal]
         force = f"a force of up to {most:.3g} N" if slide else f"a torque of up to {most:.3g} N m"
-        return f"Something without a name acts on the {self.target}: {force} that depends on its {signal} (curve exported)."
+        unit = {"q": "m" if slide else "rad", "dq": "m/s" if slide else "rad/s", "command": "N" if slide else "N m"}[self.signal]
+        known = f"from {self.at[0]:.3g} to {self.at[-1]:.3g} {unit}; beyond, the recordings tell nothing of it and it is taken as at its ends"
+        return f"Something without a name acts on the {self.target}: {force} that depends on its {signal} (curve exported, {known})."
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         signal = {"q": q, "dq": dq, "command": command}[self.signal][joint]

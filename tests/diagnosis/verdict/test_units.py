@@ -47,3 +47,10 @@ def test_a_nameless_force_is_no_torque() -> None:
     curve = UnknownTorque("rail", "q", (0.0, 1.0), (0.0, 2.0))
     assert "a force of up to 2 N that" in curve.say({}, slide=True)
     assert "a torque of up to 2 N m that" in curve.say({})
+
+
+@pytest.mark.parametrize(("signal", "unit", "at_slide"), [("q", "rad", "m"), ("dq", "rad/s", "m/s"), ("command", "N m", "N")])
+def test_a_nameless_torque_says_how_far_the_recordings_tell_it(signal: str, unit: str, at_slide: str) -> None:
+    curve = UnknownTorque("rail", signal, (-0.5, 1.0), (0.0, 2.0))
+    assert f"from -0.5 to 1 {unit}; beyond" in curve.say({})
+    assert f"from -0.5 to 1 {at_slide}; beyond" in curve.say({}, slide=True)
