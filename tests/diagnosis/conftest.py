@@ -98,8 +98,13 @@ def write_case(
     noise: float = 5e-4,
     velocities: bool = True,
     timestep: float = 0.001,
+    loud: Sequence[float] = (),
 ) -> Path:
-    """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step."""
+    """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step.
+
+    Args:
+        loud: by how much the commands of each recording are larger.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.urdf").write_text(PENDULUM)
     rig_path = folder / "rig.yaml"
@@ -107,11 +112,12 @@ def write_case(
     rng = np.random.default_rng(1)
     world = read_rig(rig_path).world(effects, timestep=timestep / 2, substeps=round(2 * PERIOD / timestep))
     for number in range(recordings):
+        gain = loud[number] if loud else 1.0
         parts = [(rng.uniform(0.3, 1.0), rng.uniform(0.3, 2.0), rng.uniform(0, 6)) for _ in range(3)]
         world.set_state([rng.uniform(-0.5, 0.5)], [0.0])
         rows = []
         for row in range(round(seconds / PERIOD)):
-            u = sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
+            u = gain * sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
             rows.append([row * PERIOD, u, world.q[0] + noise * rng.standard_normal(), world.dq[0] + 10 * noise * rng.standard_normal()])
             world.step([u])
         columns = ["time", "u_hinge", "q_hinge", "dq_hinge"][: 4 if velocities else 3]

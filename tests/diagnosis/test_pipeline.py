@@ -51,6 +51,15 @@ def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process
     assert diagnose(again, recordings).data["verdict"] == "no_mismatch"
 
 
+def test_what_only_the_recording_that_models_are_chosen_by_shows_is_found(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueLimit("hinge", 2.0)], loud=(0.5, 0.5, 4.0, 0.5))
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    (effect,) = found.data["effects"]
+    assert (effect["effect"], effect["target"]) == ("torque_limit", "hinge")
+    assert effect["parameters"]["torque"]["value"] == pytest.approx(2.0, rel=0.01)
+    assert found.data["about"]["chosen by"].startswith("every third window of train_0.csv, train_1.csv, train_2.csv")
+
+
 def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
     rig = write_case(tmp_path, velocities=False)
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)

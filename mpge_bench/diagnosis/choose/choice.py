@@ -19,7 +19,7 @@ from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.curves import curves
-from mpge_bench.diagnosis.settings import ChooseSettings
+from mpge_bench.diagnosis.settings import ChooseSettings, DiagnosisSettings
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,12 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     if found.least < settings.significance and by_size < found.p_value:
         found = replace(found, p_value=max(by_size, settings.least_chance), is_bound=by_size < settings.least_chance)
     return Mismatch(model, fitter, found)
+
+
+def unseen_by_fits(mismatch: Mismatch, settings: DiagnosisSettings) -> bool:
+    """Whether only the recordings that models are chosen by show a mismatch, as a limit that the others never reach: no fit could learn it."""
+    nominal, there = mismatch.nominal, mismatch.screening.p_value < settings.choose.significance
+    return there and nominal.train < settings.fit.clean and nominal.validation > settings.verdict.explained
 
 
 def chance_of(chi_square: float, windows: int, settings: ChooseSettings) -> float:
@@ -88,6 +94,12 @@ def choose(
 ) -> Choice:
     """The smallest set of effects, out of `options`, that predicts validation recordings as well as any; with a nameless curve where none does."""
     mismatch = tested(problem, options)
+    if unseen_by_fits(mismatch, problem.settings):
+        problem = problem.dealt()
+        first = mismatch.screening
+        mismatch = tested(problem, options)
+        # One look at the question whether there is a mismatch, not two.
+        mismatch = replace(mismatch, screening=replace(mismatch.screening, p_value=first.p_value, is_bound=first.is_bound))
     trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
     chosen = mismatch.nominal
     if mismatch.screening.p_value < problem.settings.choose.significance:

@@ -43,15 +43,21 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
     if not named:
         return ()
     fitter = trials.problem.fitter(chosen.effects)
+    # Nuisances take part, but each standard deviation of one costs as much as one of a reading's noise: what goes beyond their limits is not theirs.
+    nuisances = fitter.nuisances.doubts(chosen.effects)[0].reshape(-1, chosen.fit.residuals.size)
+    nuisances = np.concatenate((nuisances, np.eye(len(nuisances))), axis=1)
+
+    def flat(columns: Array) -> Array:
+        return np.pad(columns.reshape(-1, chosen.fit.residuals.size), ((0, 0), (0, len(nuisances))))
+
     for effect in named:
         others = [other for other in chosen.effects if other is not effect]
-        without = fitter.predictor.change(others)
-        own = fitter.clear(fitter.predictor.change(chosen.effects) - without).ravel()
-        beside = fitter.clear(_columns_of_others(chosen, effect)).reshape(-1, own.size)
+        (own,) = flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
+        beside = np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))
         for candidate in trials.candidates:
             if candidate.label in chosen.key or _contains(candidate, effect):
                 continue
-            columns = fitter.clear(fitter.columns(candidate, others)).reshape(-1, own.size)
+            columns = flat(fitter.columns(candidate, others))
             # What is in proportion to its parameters is at its best any sum of its starts; what is not is near one of them.
             options = [columns] if not candidate.kind.is_bent() else list(columns[:, None])
             distances = [remainder(own, np.concatenate((option, beside))) for option in options]

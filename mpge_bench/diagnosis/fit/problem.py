@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,6 +72,11 @@ class Problem:
     def scales(self) -> dict[str, Scale]:
         """How large things are at each joint."""
         return scales(self.linear)
+
+    def dealt(self) -> Problem:
+        """The same with validation windows taken from every recording in turn, for what shows in some recordings only."""
+        every = round(1 / (1 - self.settings.predict.held_third))
+        return replace(self, validation=np.arange(len(self.windows.start)) % every == every - 1)
 
     def simulated(self, parts: int) -> SimulatedWindows:
         """The simulator's own predictions in the windows, with the physics step in `parts`."""

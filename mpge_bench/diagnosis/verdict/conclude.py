@@ -9,6 +9,7 @@ from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import ExportedError, exported_error
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.parts import Parts
+from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.hypotheses.candidates import label
 from mpge_bench.diagnosis.predict.smooth import rebase
 from mpge_bench.diagnosis.verdict.accuracy import accuracy
@@ -94,14 +95,27 @@ def verdict_of(choice: Choice) -> str:
 
 def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
     problem = choice.problem
-    chosen_by = set(problem.windows.recording[problem.validation].tolist())
-    names = [one.path.name for one in problem.recordings]
+    fitted, chosen_by = _split(problem)
     cut = "" if parts.whole else f"the last {100 * problem.settings.data.unseen:.0f}% of "
     return {
         "horizon": f"{problem.horizon:g} s",
         "held out": cut + ", ".join(one.path.name for one in parts.unseen),
-        "fitted to": ", ".join(name for r, name in enumerate(names) if r not in chosen_by) or f"the first two thirds of the rest of {names[0]}",
-        "chosen by": ", ".join(name for r, name in enumerate(names) if r in chosen_by) if len(names) > 1 else f"the last third of the rest of {names[0]}",
+        "fitted to": fitted,
+        "chosen by": chosen_by,
         "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (", cut short by the time budget: " + ", ".join(choice.cut) if choice.cut else ""),
         "models fitted": str(len(choice.models)),
     }
+
+
+def _split(problem: Problem) -> tuple[str, str]:
+    """What models were fitted to and what they were chosen by, in words."""
+    recording, validation = problem.windows.recording, problem.validation
+    names = [one.path.name for one in problem.recordings]
+    fitted, chosen_by = (set(recording[mask].tolist()) for mask in (~validation, validation))
+    if len(names) == 1:
+        return f"the first two thirds of the rest of {names[0]}", f"the last third of the rest of {names[0]}"
+    if fitted & chosen_by:
+        every = ", ".join(names)
+        return f"two of three windows of {every}", f"every third window of {every}: what is missed shows in some of the recordings only"
+    told = [", ".join(name for r, name in enumerate(names) if r in part) for part in (fitted, chosen_by)]
+    return told[0], told[1]

@@ -51,6 +51,21 @@ def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Ca
     assert confidence <= 0.5
 
 
+def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Made], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As an armature on a damped joint, which acts as damping does that is worked out implicitly, but a hundred times as strongly."""
+    _, fitter, candidates = made(Armature("hinge", 0.03))
+    fit = fitter.fit([Armature("hinge", 0.01)])
+    chosen = Model(fit, 1.0, 1.0, 1.0, 1.0, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
+    alike = fitter.predictor.change(fit.effects)[None] / 100
+    monkeypatch.setattr(fitter.nuisances, "doubts", lambda effects: (alike, alike[:0]))
+    fitter.free = alike
+    problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
+    trials: Any = SimpleNamespace(problem=problem, candidates=candidates)
+    distance = {one.effects[-1].name: one.distance for one in twins(trials, chosen)}
+    assert distance["coulomb_friction"] > 10
+    assert distance["inertia_scale"] < 3.3
+
+
 def test_only_what_was_cut_short_is_said_to_be() -> None:
     trials = object.__new__(Trials)
     trials.cut = {}
