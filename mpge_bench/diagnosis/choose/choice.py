@@ -53,10 +53,10 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     return Mismatch(model, fitter, found)
 
 
-def unseen_by_fits(mismatch: Mismatch, settings: DiagnosisSettings) -> bool:
-    """Whether only the recordings that models are chosen by show a mismatch, as a limit that the others never reach: no fit could learn it."""
-    nominal, there = mismatch.nominal, mismatch.screening.p_value < settings.choose.significance
-    return there and nominal.train < settings.fit.clean and nominal.validation > settings.verdict.explained
+def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
+    """Whether what is left shows only in the recordings that models are chosen by, as a limit that the others never reach: no fit could learn it."""
+    explained = any(one.train < settings.fit.clean for one in models)
+    return explained and all(one.validation > settings.verdict.explained for one in models if one.train < settings.fit.clean)
 
 
 def chance_of(chi_square: float, windows: int, settings: ChooseSettings) -> float:
@@ -94,16 +94,15 @@ def choose(
 ) -> Choice:
     """The smallest set of effects, out of `options`, that predicts validation recordings as well as any; with a nameless curve where none does."""
     mismatch = tested(problem, options)
-    if unseen_by_fits(mismatch, problem.settings):
-        problem = problem.dealt()
-        first = mismatch.screening
-        mismatch = tested(problem, options)
-        # One look at the question whether there is a mismatch, not two.
-        mismatch = replace(mismatch, screening=replace(mismatch.screening, p_value=first.p_value, is_bound=first.is_bound))
     trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
     chosen = mismatch.nominal
     if mismatch.screening.p_value < problem.settings.choose.significance:
         grow(trials, mismatch.screening)
+        if shown_to_some(trials.models, problem.settings):
+            dealt = problem.dealt()
+            again = tested(dealt, options)
+            trials.begin(dealt, (again.nominal, again.fitter))
+            grow(trials, again.screening)
         chosen = plainest(trials, with_curves(trials, simplest(trials)))
     models, alike = tuple(trials.models), twins(trials, chosen)
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut))

@@ -37,7 +37,7 @@ class Trials:
     """Of one search.
 
     Attributes:
-        problem: with the noise as it is estimated now.
+        problem: with the noise as it is estimated now, and the windows that models are chosen by now.
         nominal, fitter: the model of no effects under that noise, and its fitter.
         models: fitted in the simulator so far.
         cut: stages that the time budget cut short, in their order.
@@ -55,12 +55,12 @@ class Trials:
         self.candidates, self.workers, self.clock = tuple(candidates), workers, clock
         self._advance = advance
         self.cut: dict[str, None] = {}
-        self._exported = exported_error(problem, validation_recordings(problem))
         self.begin(problem, nominal)
 
     def begin(self, problem: Problem, nominal: tuple[Model, LinearFitter]) -> None:
-        """Forget all models: they were judged by another noise."""
+        """Forget all models: they were judged by another noise, or on other windows."""
         self.problem = problem
+        self._exported = exported_error(problem, validation_recordings(problem))
         self.nominal, self.fitter = nominal
         self.models: list[Model] = [self.nominal]
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose import choice
-from mpge_bench.diagnosis.choose.choice import chance_of
+from mpge_bench.diagnosis.choose.choice import chance_of, shown_to_some
 from mpge_bench.diagnosis.data.checks import measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
@@ -54,3 +56,9 @@ def test_what_a_right_simulator_misses_of_violent_motion_is_no_mismatch(tmp_path
     found = choice.tested(posed, candidates(rig, scales(linear)))
     assert found.fitter.chi_square(found.nominal.fit.cost, slice(None)) > 100
     assert found.screening.p_value > DEFAULT.choose.significance
+
+
+@pytest.mark.parametrize(("fits", "told"), [([(1.0, 9.0)], True), ([(5.0, 9.0), (1.0, 9.0)], True), ([(1.0, 9.0), (1.0, 1.2)], False), ([(5.0, 9.0)], False)])
+def test_windows_are_dealt_anew_only_where_fits_leave_nothing_and_choosing_does(fits: list[tuple[float, float]], told: bool) -> None:
+    models: Any = [SimpleNamespace(train=train, validation=validation) for train, validation in fits]
+    assert shown_to_some(models, DEFAULT) is told
