@@ -10,6 +10,7 @@ import numpy as np
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.predict.bullet import with_a_past
 from mpge_bench.diagnosis.predict.simulated import error_at_once
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
@@ -24,7 +25,10 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
     @functools.cache
     def error(effects: tuple[Effect, ...]) -> float:
         try:
-            predictions = [error_at_once(problem.rig, one, problem.horizon, effects, problem.settings) for one in recordings]
+            predictions = [
+                error_at_once(problem.rig, one, problem.horizon, effects, problem.settings)[with_a_past(one, problem.horizon, problem.settings.predict)]
+                for one in recordings
+            ]
         except UserError:
             return math.inf
         return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))

@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.data.motion import differentiate
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.torques import warm_up
-from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, PredictSettings
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.world import World
@@ -154,6 +154,16 @@ def stretches(recording: Recording, horizon: float) -> Iterator[tuple[int, int]]
         end = min(max(end, first + 1), len(recording.time))
         yield first, end
         first = end
+
+
+def with_a_past(recording: Recording, horizon: float, settings: PredictSettings) -> slice:
+    """Rows of the `stretches` that begin late enough for what was recorded before to say where hidden states (of a lag, a delay, a motor side) are.
+
+    Before the first row nobody knows them, and a wrong guess is no fault of the model's. All rows where few stretches would be left.
+    """
+    starts = [first for first, _ in stretches(recording, horizon)]
+    late = [first for first in starts if recording.time[first] - recording.time[0] >= settings.warm_up]
+    return slice(late[0] if len(late) >= settings.spare_windows else 0, None)
 
 
 def simulate(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect] = (), settings: DiagnosisSettings = DEFAULT) -> Recording:

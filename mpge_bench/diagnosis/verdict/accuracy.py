@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
-from mpge_bench.diagnosis.predict.bullet import predicted
+from mpge_bench.diagnosis.predict.bullet import predicted, with_a_past
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.verdict.result import Accuracy, Errors, Trajectory
 from mpge_bench.envs.effects import Effect
@@ -26,7 +26,7 @@ def unit_of(problem: Problem) -> str:
 
 
 def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Recording]) -> tuple[Accuracy, tuple[Trajectory, ...]]:
-    """Errors of `predicted` on the `unseen` recordings, before and `after` correction, and stretches of them to look at."""
+    """Errors of `predicted` on the `unseen` recordings, their first moments left out (`with_a_past`), before and `after` correction, and stretches of them."""
     problem = choice.problem
     rig, settings = problem.rig, problem.settings
     errors: dict[str, list[Array]] = {"before": [], "after": []}
@@ -35,7 +35,7 @@ def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Record
         models: dict[str, tuple[Effect, ...]] = {"before": (), "after": choice.chosen.effects}
         predictions = {name: predicted(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
         for name, one in predictions.items():
-            errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq))
+            errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq)[with_a_past(recording, problem.horizon, settings.predict)])
         if len(trajectories) < 2 * len(rig.joints):
             trajectories += _trajectories(problem, recording, predictions["before"], predictions["after"])
     floors = _floors(choice, after)

@@ -13,10 +13,11 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening
+from mpge_bench.diagnosis.predict.simulated import error_at_once
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.conclude import proven
 from mpge_bench.diagnosis.verdict.confusions import rivals
-from mpge_bench.envs.effects import JointSpring, ViscousFriction
+from mpge_bench.envs.effects import JointSpring, Lag, ViscousFriction
 
 from ..conftest import record
 
@@ -54,3 +55,11 @@ def test_what_predicts_unseen_recordings_as_well_is_not_ruled_out() -> None:
 def test_an_unstable_model_has_an_infinite_error(rig: Rig) -> None:
     problem: Any = SimpleNamespace(rig=rig, horizon=0.5, settings=DEFAULT)
     assert exported_error(problem, [record(rig, seconds=1.0)])((JointSpring("elbow", 1e5), ViscousFriction("elbow", 1e4))) == np.inf
+
+
+def test_nobody_is_blamed_for_hidden_states_before_the_first_row(rig: Rig) -> None:
+    problem: Any = SimpleNamespace(rig=rig, horizon=0.5, settings=DEFAULT)
+    truth = Lag("elbow", 0.1)
+    begun_before = record(rig, [truth], seconds=4.0).rows(slice(30, None))
+    assert exported_error(problem, [begun_before])((truth,)) < 1e-4
+    assert np.abs(error_at_once(rig, begun_before, 0.5, (truth,))[:50]).max() > 1e-3
