@@ -113,7 +113,7 @@ def coverage(cases: Sequence[Case]) -> Iterator[str]:
         for name, values in deviations(case):
             for line in (name, "all"):
                 off.setdefault(line, []).extend(values)
-    for name, values in sorted(off.items()):
+    for name, values in sorted((name, values) for name, values in off.items() if values):
         inside = sum(abs(one) <= DEFAULT.verdict.interval for one in values)
         yield f"{name}: {inside} of {len(values)} within their 95% intervals, off by {np.sqrt(np.mean(np.square(values))):.2f} standard errors"
 
