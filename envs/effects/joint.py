@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -262,12 +262,17 @@ class UnknownTorque(Effect):
     def goes_by(self) -> str:
         return self.signal
 
+    def unit_of_signal(self, *, slide: bool) -> str:
+        """Of what the curve goes by, at a hinge or a slide."""
+        unit = {"q": "rad", "dq": "rad/s", "command": "N m"}[self.signal]
+        return replace(self.parameters["at"], unit=unit).unit_of(slide=slide)
+
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         most = max(abs(value) for value in self.torque)
         signal = {"q": "position", "dq": "speed", "command": "motor's command"}[self.signal]
         force = f"a force of up to {most:.3g} N" if slide else f"a torque of up to {most:.3g} N m"
-        unit = {"q": "m" if slide else "rad", "dq": "m/s" if slide else "rad/s", "command": "N" if slide else "N m"}[self.signal]
-        known = f"from {self.at[0]:.3g} to {self.at[-1]:.3g} {unit}; beyond, the recordings tell nothing of it and it is taken as at its ends"
+        known = f"from {self.at[0]:.3g} to {self.at[-1]:.3g} {self.unit_of_signal(slide=slide)}"
+        known += "; beyond, the recordings tell nothing of it and it is taken as at its ends"
         return f"Something without a name acts on the {self.target}: {force} that depends on its {signal} (curve exported, {known})."
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:

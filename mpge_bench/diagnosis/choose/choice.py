@@ -55,8 +55,8 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
 
 def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
     """Whether what is left shows only in the recordings that models are chosen by, as a limit that the others never reach: no fit could learn it."""
-    explained = any(one.train < settings.fit.clean for one in models)
-    return explained and all(one.validation > settings.verdict.explained for one in models if one.train < settings.fit.clean)
+    missed = [one.validation for one in models if one.train < settings.fit.clean]
+    return bool(missed) and min(missed) > settings.verdict.explained
 
 
 def chance_of(chi_square: float, windows: int, settings: ChooseSettings) -> float:

@@ -21,13 +21,13 @@ ExportedError = Callable[[tuple[Effect, ...]], float]
 
 def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
     """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable."""
+    judged = [with_a_past(one, problem.horizon, problem.settings.predict) for one in recordings]
 
     @functools.cache
     def error(effects: tuple[Effect, ...]) -> float:
         try:
             predictions = [
-                error_at_once(problem.rig, one, problem.horizon, effects, problem.settings)[with_a_past(one, problem.horizon, problem.settings.predict)]
-                for one in recordings
+                error_at_once(problem.rig, one, problem.horizon, effects, problem.settings)[rows] for one, rows in zip(recordings, judged, strict=True)
             ]
         except UserError:
             return math.inf

@@ -29,7 +29,7 @@ def gain(simple: Model, rich: Model, windows: npt.NDArray[np.bool_]) -> tuple[fl
 
 
 def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
-    """Whether `rich` predicts better than `simple`: materially, all windows beyond two standard errors, and held-out ones too if they are touched at all.
+    """Whether `rich` predicts better than `simple`: materially, all windows beyond two standard errors, and validation ones too if they are touched at all.
 
     A handful of parameters cannot overfit thousands of rows by a material share, and the validation windows of a few seconds are too few for a test. What
     seldom happens, as a limit that is seldom reached, is judged on the windows where it does.

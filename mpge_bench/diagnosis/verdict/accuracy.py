@@ -34,8 +34,9 @@ def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Record
     for recording in unseen:
         models: dict[str, tuple[Effect, ...]] = {"before": (), "after": choice.chosen.effects}
         predictions = {name: predicted(rig, recording, problem.horizon, effects, settings) for name, effects in models.items()}
+        judged = with_a_past(recording, problem.horizon, settings.predict)
         for name, one in predictions.items():
-            errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq)[with_a_past(recording, problem.horizon, settings.predict)])
+            errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq)[judged])
         if len(trajectories) < 2 * len(rig.joints):
             trajectories += _trajectories(problem, recording, predictions["before"], predictions["after"])
     floors = _floors(choice, after)

@@ -53,9 +53,8 @@ def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: S
     """What is reported of the chosen model: first what has a name."""
     found = [FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds)) for effect, bounds in named]
     for curve in curves:
-        units = rig.units(curve.target)
-        signal = {"command": units.force, "q": units.position, "dq": units.velocity}[curve.signal]
-        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, units.force)}
+        signal = curve.unit_of_signal(slide=rig.is_slide(curve.target))
+        parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, rig.units(curve.target).force)}
         found.append(FoundEffect(curve.name, curve.target, confidence, parameters, (curve.signal,)))
     return tuple(found)
 
