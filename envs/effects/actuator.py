@@ -343,6 +343,10 @@ def _late(value: Any, before: Any, seconds: float, hidden: Hidden) -> Any:
     return past[1] + (steps - whole) * (past[0] - past[1])
 
 
+#: For which a hidden state that hardly forgets is driven along a motion at most, s.
+_LONGEST = 5.0
+
+
 class _MotorSide:
     """A motor with an inertia of its own that turns the joint through a spring, with or without play.
 
@@ -395,6 +399,7 @@ class Backlash(Effect):
     on = "joint"
     parameters = {"width": Parameter("rad", 0.0, 3.0, step=0.05), "motor_inertia": Parameter("kg m²", 1e-7, 1e3, step=0.01)}
     remembers = True
+    swings = True
     needs_motor = True
     place = 80
 
@@ -434,8 +439,15 @@ class JointElasticity(Effect):
         "motor_inertia": Parameter("kg m²", 1e-7, 1e3),
     }
     remembers = True
+    swings = True
     needs_motor = True
     place = 80
+
+    @property
+    def forgets(self) -> float:
+        rate = self.damping / (2 * self.motor_inertia)
+        slowest = rate - math.sqrt(max(0.0, rate**2 - self.stiffness / self.motor_inertia))
+        return min(5 / slowest, _LONGEST) if slowest > 0 else _LONGEST
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         _MotorSide.transmit(command, joint, q, dq, hidden, inertia=self.motor_inertia, stiffness=self.stiffness, damping=self.damping, play=0.0)

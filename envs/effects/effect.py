@@ -140,6 +140,8 @@ class Effect:
     steady: ClassVar[bool] = False
     #: True where `actuate` has a hidden state: what it does depends on the commands before.
     remembers: ClassVar[bool] = False
+    #: True where a motor of its own inertia answers to the joint's motion: nobody records where it is at the start of a prediction.
+    swings: ClassVar[bool] = False
     #: True where it needs a motor: it says nothing of a passive joint.
     needs_motor: ClassVar[bool] = False
     #: Place in the chain from the command (low) to the joint (high), for who lists effects without knowing their order.

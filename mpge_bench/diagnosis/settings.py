@@ -59,8 +59,10 @@ class PredictSettings:
     softness: float = _setting(1e-3, "rad/s", "least speed over which dry friction changes sign in derivatives")
     lead: float = _setting(0.01, "s", "MuJoCo's dry friction turns round about this long before the velocity does, PyBullet's with it")
     coarse: float = _setting(1.0, "standard deviations", "windows count less in which half the physics step changes the prediction by more than about this")
+    curved: float = _setting(4.0, "coarse", "where half the physics step changes predictions by as much, its error beyond first order is of that size, too")
     start_position: float = _setting(20.0, "standard deviations of q", "how far the first state may lie from the first guess")
     start_velocity: float = _setting(0.3, "share of the speed", "the same for velocities, which may not be measured at all")
+    started: float = _setting(1e-3, "share of its column", "a starting state whose effect on the readings differs by less from the others' takes nothing away")
     refinements: int = _setting(2, "passes", "of reference and noise, each about the other; a third changes next to nothing")
     outermost: float = _setting(99.0, "percent", "of third differences count in the first estimate of the noise: knocks are no noise")
     held_third: float = _setting(0.67, "share", "of a single recording that is fitted to; models are chosen by the rest")
@@ -84,7 +86,7 @@ class HypothesisSettings:
         (-1.0, 1.0), "damping × step", "damping at the step's end acts like an inertia of damping × step"
     )
     friction_lead: tuple[float, float] = _setting((-0.3, 1.3), "lead", "from PyBullet's turning point to MuJoCo's, and a little beyond either")
-    motor_step: tuple[float, float] = _setting((-1.0, 1.0), "physics steps", "when within a step a motor with a hidden state gets its command")
+    motor_step: tuple[float, float] = _setting((-1.0, 1.0), "physics steps", "when within a step a slow motor gets its command, and a late sensor its reading")
     descents: int = _setting(20, "passes", "of coordinate descent over a handful of bounded unknowns")
 
 
@@ -110,6 +112,8 @@ class FitSettings:
     starts: int = _setting(3, "starts", "are fitted, where the best one stays far from the noise")
     far_start: float = _setting(3.0, "times the noise", "what counts as far from the noise for that")
     near_noise: float = _setting(3.0, "times the noise", "below it laws go by the model's own prediction, whose noise is independent of the residual's")
+    start_passes: int = _setting(2, "passes", "over the starting states of motors, each with derivatives about the last")
+    start_steps: int = _setting(3, "steps", "of least squares towards them in each pass; play takes more than one")
     iterations: int = _setting(1, "iterations", "in the simulator, of a draft")
     iterations_nominal: int = _setting(2, "iterations", "in the simulator, of the model of no effects, which has nothing but starting states to fit")
     iterations_polish: int = _setting(3, "iterations", "in the simulator, of a model that is followed up")
@@ -175,7 +179,9 @@ class VerdictSettings:
     confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
     surely: float = _setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
     no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
-    interval: float = _setting(1.96, "standard errors", "that a 95% interval reaches either way")
+    interval: float = _setting(
+        2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 219 numbers, as simulators differ by more than steps and chance"
+    )
     rivals: int = _setting(8, "models", "are listed with their errors")
     ruled_out: float = _setting(5.0, "log evidence", "odds of 150 to 1 against the model")
     unlikely: float = _setting(3.0, "log evidence", "odds of 20 to 1 against the model")

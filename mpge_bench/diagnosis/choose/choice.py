@@ -47,7 +47,9 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     found = screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)])
     settings = problem.settings.choose
     calm = fitter.predictor.coarse < settings.calm
-    by_size = chance_of(fitter.chi_square(model.fit.cost, calm), int(calm.sum()), settings) if calm.any() else 1.0
+    # Their mean square: one window that misses a hundred noises is enough.
+    missed = (model.fit.cost / fitter.count)[calm]
+    by_size = chance_of(float(missed.mean()), len(missed), settings) if len(missed) else 1.0
     if found.least < settings.significance and by_size < found.p_value:
         found = replace(found, p_value=max(by_size, settings.least_chance), is_bound=by_size < settings.least_chance)
     return Mismatch(model, fitter, found)
@@ -59,9 +61,12 @@ def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
     return bool(missed) and min(missed) > settings.verdict.explained
 
 
-def chance_of(chi_square: float, windows: int, settings: ChooseSettings) -> float:
-    """Probability of a reduced `chi_square` as large by noise that is `beyond_noise` times what it was estimated to be, each window being one observation."""
-    return float(stats.chi2.sf(chi_square * windows / settings.beyond_noise**2, windows))
+def chance_of(mean_square: float, windows: int, settings: ChooseSettings) -> float:
+    """Probability that `windows` miss a `mean_square` as large, in units of the noise, though that is `beyond_noise` times what it was estimated to be.
+
+    Each window is one observation.
+    """
+    return float(stats.chi2.sf(mean_square * windows / settings.beyond_noise**2, windows))
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,10 @@ class Rig:
         """The rig's own effects, with `effects` in the place of those that they correct, in the order from command to joint."""
         return tuple(sorted((*_uncorrected(self.nominal, effects), *effects), key=lambda effect: effect.place))
 
+    def swings(self, effects: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+        """Those of `chain` with a motor that answers to the joint's motion."""
+        return tuple(effect for effect in self.chain(effects) if effect.swings)
+
     def own(self, effect: Effect) -> Effect | None:
         """What the rig itself says of the physics that `effect` is about: what it would correct."""
         alike = [own for own in self.nominal if effect.corrects(own)]

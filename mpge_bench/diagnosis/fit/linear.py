@@ -65,10 +65,7 @@ class LinearFitter:
         self.predictor, self.train, self._deadline = predictor, train, deadline
         self.base = tuple(predictor.linear.base)
         self.nuisances = Nuisances(predictor, train)
-        # Less where a window counts less, and what the starting states take.
-        relative = (predictor.weight * np.where(np.isfinite(predictor.sigma), predictor.sigma, 0.0)) ** 2
-        share = 1 - predictor.flow.shape[-1] / np.maximum((relative > 0).sum((1, 2)), 1)
-        self.count: Array = np.maximum(relative.sum((1, 2)) * share, 1e-9)
+        self.count: Array = np.maximum(((predictor.weight > 0).sum((1, 2)) - predictor.flow.shape[-2]) * predictor.expected, 1e-9)
         self._raw = predictor.residual()
         forgiven = self.nuisances.forgive(self._raw, self.base)
         self.residual, self.free = forgiven.residuals, forgiven.free
@@ -118,8 +115,9 @@ class LinearFitter:
     def standard_errors(self, fit: Fit) -> Array:
         """Of the parameters, shape (parameters,); infinite where they are not told.
 
-        Windows are the independent pieces of evidence (sandwich estimator). Nuisances are not known, either: those that fits forgive are unknowns beside the
-        parameters, with their limits as a prior; by those that only judging forgives the parameters are off, as far as these have room.
+        Windows are the independent pieces of evidence: the estimator is the jackknife over them, in its linear form (CR3, Bell and McCaffrey 2002), since where
+        few windows tell most, each has a part in the fit that it is compared with. Nuisances are not known, either: those that fits forgive are unknowns beside
+        the parameters, with their limits as a prior; by those that only judging forgives the parameters are off, as far as these have room.
         """
         if not fit.size:
             return np.zeros(0)
@@ -130,9 +128,13 @@ class LinearFitter:
         forgiven, held = ((one * weights)[:, self.train] for one in self.nuisances.doubts(fit.effects))
         unknown = np.concatenate((told, forgiven))
         prior = np.diag(np.repeat([0.0, 1.0], [len(told), len(forgiven)]))
-        inverse = np.linalg.inv(np.einsum("awk,bwk->ab", unknown, unknown) + prior)[: len(told)]
-        scores, systematic = np.einsum("awk,wk->aw", unknown, residuals), np.einsum("awk,bwk->ab", unknown, held)
-        covariance = inverse @ (scores @ scores.T + systematic @ systematic.T + prior) @ inverse.T
+        own = np.einsum("awk,bwk->wab", unknown, unknown)
+        gram = own.sum(0) + prior
+        gram += 1e-9 * np.diag(np.diagonal(gram))
+        inverse = np.linalg.inv(gram)[: len(told)]
+        without = np.linalg.solve(gram - own, np.einsum("awk,wk->wa", unknown, residuals)[..., None])[:, : len(told), 0]
+        systematic = np.einsum("awk,bwk->ab", unknown, held)
+        covariance = without.T @ without + inverse @ (systematic @ systematic.T + prior) @ inverse.T
         errors = np.sqrt(np.einsum("pd,de,pe->p", found.basis, covariance, found.basis))
         errors[[index for group in found.groups() for index in group]] = np.inf
         return np.asarray(errors)

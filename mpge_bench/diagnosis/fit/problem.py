@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.checks import Measurements
+from mpge_bench.diagnosis.data.motion import motion_at
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
@@ -84,6 +85,62 @@ class Problem:
         rows = (windows.start[:, None] + np.arange(windows.length + 1)) * self.linear.motion.stride
         return self._simulated.get(parts, lambda: SimulatedWindows(self.rig, self.recordings, windows.recording, rows, self.settings, parts=parts))
 
+    def predictions(self, linear: LinearisedSimulator, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
+        """The simulator's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
+
+        Hidden states are warmed up along the reference of `linear`.
+        """
+        motion = linear.motion
+        along = [
+            motion_at(motion.time[r, :rows], motion.state[r, :rows], recording.time)
+            for r, (rows, recording) in enumerate(zip(motion.rows, self.recordings, strict=True))
+        ]
+        return self.simulated(parts).predict(effects, starts, along)
+
+    def _in_simulator(self, predictor: WindowPredictor, effects: Sequence[Effect]) -> WindowPredictor:
+        """`predictor` with what the simulator makes of half the physics step and, where motors answer to the joints' motion, of their starting states.
+
+        These are sought first, since where play is left or reached is not in proportion to them. As it is where the simulation is unstable.
+        """
+        linear, motors = predictor.linear, len(self.rig.swings(effects))
+        first = np.pad(predictor.first, ((0, 0), (0, 2 * motors)))
+        coarse, fine = (self.predictions(linear, effects, first, parts) for parts in (1, 2))
+        if coarse is None or fine is None:
+            return predictor
+        if not motors:
+            return predictor.simulated(fine - coarse)
+        for _ in range(self.settings.fit.start_passes):
+            flow = self._flow(linear, effects, first)
+            if flow is None:
+                return predictor
+            predictor = predictor.simulated(fine - coarse, first, flow)
+            first = self._nearer(predictor, effects, first)
+        return predictor
+
+    def _nearer(self, predictor: WindowPredictor, effects: Sequence[Effect], first: Array) -> Array:
+        """Starting states from which the simulator comes nearer to the recordings than from `first`, shape (windows, states), by steps of least squares."""
+        best = np.full(len(first), np.inf)
+        trial = first
+        for _ in range(self.settings.fit.start_steps):
+            predicted = self.predictions(predictor.linear, effects, trial)
+            if predicted is None:
+                break
+            error = predictor.measured - predicted
+            cost = (predictor.project(error) ** 2).sum(-1)
+            better = cost < best
+            best, first = np.where(better, cost, best), np.where(better[:, None], trial, first)
+            trial = trial + predictor.starts(error)
+        return first
+
+    def _flow(self, linear: LinearisedSimulator, effects: Sequence[Effect], first: Array) -> Array | None:
+        """What becomes of changes of the starting states `first` in the simulator, as `WindowPredictor.simulated` has it; None if it is unstable."""
+        small = self.settings.predict.difference
+        at = self.predictions(linear, effects, first)
+        found = [self.predictions(linear, effects, first + unit) for unit in small * np.eye(first.shape[1])]
+        if at is None or any(one is None for one in found):
+            return None
+        return np.stack([(one - at) / small for one in found if one is not None], -1)
+
     def fitter(self, effects: Sequence[Effect] = ()) -> LinearFitter:
         """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
         return self._fitters.get(tuple(effects), lambda: self._fitter(effects))
@@ -93,6 +150,8 @@ class Problem:
         predictor = WindowPredictor(linear, self.windows, self.sigma)
         if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:
             predictor = WindowPredictor(linear, self.windows, self.sigma, consistent=True)
+        if effects or self.rig.swings():
+            predictor = self._in_simulator(predictor, effects)
         return LinearFitter(predictor, ~self.validation, self.deadline)
 
 
@@ -109,7 +168,7 @@ class Model:
     Attributes:
         fit: effects and what they leave.
         train, validation, overall: `LinearFitter.chi_square` of the windows for fitting, of those for choosing, and of all.
-        typical: median over all windows.
+        missed: mean square of what each window misses, in units of what a right model does, shape (windows,).
         parameters: how many directions of its parameters the recordings tell.
         untold: its parameters that the recordings do not tell, by their indices; those that are told only together are one group.
         standard_errors: of the parameters, shape (parameters,); infinite of those that are not told.
@@ -121,12 +180,17 @@ class Model:
     train: float
     validation: float
     overall: float
-    typical: float
+    missed: Array
     parameters: int
     untold: tuple[tuple[int, ...], ...]
     standard_errors: Array
     interval: float
     absent: Array
+
+    @property
+    def typical(self) -> float:
+        """Median of `missed`."""
+        return float(np.median(self.missed))
 
     @property
     def unsure(self) -> int:
@@ -158,7 +222,7 @@ def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
         train=fitter.chi_square(cost),
         validation=fitter.chi_square(cost, problem.validation),
         overall=fitter.chi_square(cost, slice(None)),
-        typical=float(np.median(cost / fitter.count)),
+        missed=cost / fitter.count,
         parameters=int((strength > problem.settings.fit.told).sum()),
         untold=directions(columns, size, problem.settings.fit).groups(),
         standard_errors=fitter.standard_errors(fit),

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem, judged
-from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, values_of
+from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
 
 Array = npt.NDArray[np.float64]
 
@@ -32,6 +31,8 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
         residuals = np.full(fitter.residual.shape, settings.unstable)
         return judged(problem, fitter, Fit(tuple(effects), residuals, np.zeros((len(values_of(effects)), *residuals.shape)))), fitter
     fit = fitter.fit(effects, evaluations=evaluations or settings.evaluations_polish)
+    if problem.rig.swings(effects):
+        fit = replace(fit, jacobian=_derivatives(problem, fitter, fit.effects))
     return finished(problem, fitter, fit, settings.iterations_polish)
 
 
@@ -55,6 +56,23 @@ def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
     return judged(problem, fitter, Fit(best.effects, residuals, fit.jacobian)), fitter.knowing(free)
 
 
+def _derivatives(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> Array:
+    """Derivatives of the simulator's own predictions by each parameter of `effects`, shape (parameters, windows, rows * channels), by differences.
+
+    For motors that answer to the joint's motion, of which the linearised simulator knows nothing.
+    """
+    predictor, values, size = fitter.predictor, values_of(effects), sizes_of(effects)
+    _, high = limits_of(effects)
+    steps = size * np.concatenate([steps_of(effect) for effect in effects])
+    steps = np.where(values + steps <= high, steps, -steps)
+    at = problem.predictions(predictor.linear, effects, predictor.first)
+    found = []
+    for moved, step in zip(values + np.diag(steps), steps, strict=True):
+        there = None if at is None else problem.predictions(predictor.linear, rebuild(effects, moved), predictor.first)
+        found.append(np.zeros(fitter.residual.shape) if at is None or there is None else predictor.project(there - at) / step)
+    return np.array(found)
+
+
 @dataclass(frozen=True)
 class _Refined:
     """Effects, what they leave in the simulator, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
@@ -69,10 +87,10 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) 
     """Gauss-Newton on parameters and starting states, with the predictions of the simulator and the derivatives of the linearised simulator."""
     settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
     effects = fit.effects
-    starts = predictor.state[:, 0]
+    starts = predictor.first
     best: _Refined | None = None
     for iteration in range(iterations + 1):
-        predicted = predictions(problem, predictor.linear, effects, starts)
+        predicted = problem.predictions(predictor.linear, effects, starts)
         if predicted is None:
             break
         error = predictor.measured - predicted
@@ -110,7 +128,7 @@ def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: A
     for index in range(settings.step_passes if best.chi_square < settings.step_matters else 0):
         if index and (least < settings.clean or fitter.late):
             break
-        coarse, fine = (predictions(problem, predictor.linear, best.effects, starts, parts) for parts in (1, 2))
+        coarse, fine = (problem.predictions(predictor.linear, best.effects, starts, parts) for parts in (1, 2))
         if coarse is None or fine is None:
             break
         raw, halved = predictor.project(predictor.measured - coarse), predictor.project(fine - coarse)
@@ -123,18 +141,3 @@ def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: A
         share = float(np.clip((raw * halved)[train].sum() / max(float((halved[train] ** 2).sum()), 1e-12), *settings.step_share))
         starts = starts + predictor.starts(predictor.measured - coarse - share * (fine - coarse))
     return residuals, free
-
-
-def predictions(problem: Problem, linear: LinearisedSimulator, effects: Sequence[Effect], starts: Array, parts: int = 1) -> Array | None:
-    """The simulator's prediction in every window from `starts`, shape (windows, rows, 2 j), with the physics step in `parts`; None if it is unstable.
-
-    Hidden states are warmed up along the reference of `linear`.
-    """
-    return problem.simulated(parts).predict(effects, starts, [_reference(problem, linear, r) for r in range(len(problem.recordings))])
-
-
-def _reference(problem: Problem, linear: LinearisedSimulator, r: int) -> Array:
-    """Reference of recording `r` at every row of the file, shape (rows, 2 joints)."""
-    motion = linear.motion
-    rows = int(motion.rows[r])
-    return np.column_stack([np.interp(problem.recordings[r].time, motion.time[r, :rows], column) for column in motion.state[r, :rows].T])

@@ -1,7 +1,7 @@
 """What simulators do differently, which is nobody's fault: nuisance parameters within limits, forgiven before anything is judged.
 
 They are the error of the physics step, damping worked out implicitly, which acts like an inertia of damping × step, the turning point of dry friction, and
-when within a physics step a motor with a hidden state gets its command.
+when within a physics step a motor with a hidden state gets its command, and a late sensor its reading.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from mpge_bench.diagnosis.predict.fast.recurrences import bounded
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.diagnosis.settings import HypothesisSettings
-from mpge_bench.envs.effects import Armature, Delay, Effect
+from mpge_bench.envs.effects import Armature, Delay, Effect, SensorDelay
 
 Array = npt.NDArray[np.float64]
 
@@ -72,13 +72,13 @@ class Nuisances:
             residual: shape (windows, rows * channels).
             effects: of the model that leaves it.
             halved: how the prediction changes with half the physics step, if that is known better than from the linearised simulator.
-            jacobian: if given, motors with a hidden state are also forgiven a physics step of delay, and the parameters' answer to it. For judging, not for
-                fitting: the parameters would be blurred by it.
+            jacobian: if given, motors with a hidden state and late sensors are also forgiven a physics step of delay, and the parameters' answer to it. For
+                judging, not for fitting: the parameters would be blurred by it.
         """
         columns, limits = self._of(effects)
         if halved is not None:
             columns[0] = halved * _spread(self.settings.step_error)
-        delays = np.zeros((0, *residual.shape)) if jacobian is None else self._motor_delays(effects)
+        delays = np.zeros((0, *residual.shape)) if jacobian is None else self._delays(effects)
         columns = np.concatenate((columns, delays))
         bounds = np.array([*limits, *[_in_spreads(self.settings.motor_step)] * len(delays)])
         known = np.ones(len(columns))
@@ -97,7 +97,7 @@ class Nuisances:
         Returns:
             Both of shape (nuisances, windows, rows * channels).
         """
-        return self._of(effects)[0], self._motor_delays(effects)
+        return self._of(effects)[0], self._delays(effects)
 
     def _of(self, effects: Sequence[Effect]) -> tuple[Array, list[Array]]:
         """Columns, projected, and limits of what is forgiven beside `effects` in fits, both by standard deviations."""
@@ -127,15 +127,19 @@ class Nuisances:
         earlier = predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
         return earlier * _spread(self.settings.friction_lead)
 
-    def _motor_delays(self, effects: Sequence[Effect]) -> Array:
-        """How the prediction changes, projected, if motors with a hidden state of their own got each command later, one by one."""
+    def _delays(self, effects: Sequence[Effect]) -> Array:
+        """How the prediction changes, projected, if motors with a hidden state of their own got each command later and late sensors read later, one by one."""
         predictor, rig = self._predictor, self._predictor.linear.rig
         slow = {effect.target for effect in rig.chain(effects) if effect.remembers}
         slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
         now = predictor.torques(effects)
         later = [predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now for joint in sorted(slow)]
-        columns = [predictor.project(predictor.propagate(one)) * _spread(self.settings.motor_step) for one in later]
-        return np.array(columns).reshape(len(later), *self._columns[0].shape)
+        changes = [predictor.propagate(one) for one in later]
+        sensors = sorted(effect.target for effect in rig.chain(effects) if effect.looks_back is not None)
+        seen = predictor.sensed(effects) if sensors else 0.0
+        changes += [predictor.sensed(rig.joined(effects, SensorDelay(joint, rig.timestep))) - seen for joint in sensors]
+        columns = [predictor.project(one) * _spread(self.settings.motor_step) for one in changes]
+        return np.array(columns).reshape(len(columns), *self._columns[0].shape)
 
 
 def _spread(limits: tuple[float, float]) -> float:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from mpge_bench.diagnosis.data.checks import trusted
-from mpge_bench.diagnosis.data.motion import differentiate
+from mpge_bench.diagnosis.data.motion import differentiate, motion_at
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.torques import warm_up
@@ -111,7 +111,7 @@ class BulletPredictor:
         start = recording.time[first]
         count = min(int(np.ceil(self._looks_back / step)), int((start - recording.time[0]) / step + 1e-6))
         at = start - step * np.arange(count, 0, -1)
-        seen = np.concatenate((np.column_stack([np.interp(at, recording.time, column) for column in smooth.T]), path))
+        seen = np.concatenate((motion_at(recording.time, smooth, at), path))
         for effect, joint in self._sensors:
             effect.sense(layout.q(seen), layout.dq(seen), joint, step)
         return seen[count:]
@@ -125,7 +125,7 @@ class BulletPredictor:
             return
         at = start - dt * np.arange(count, 0, -1)
         row = np.clip(np.searchsorted(recording.time, at + 0.5 * dt, side="right") - 1, 0, None)
-        motion = np.column_stack([np.interp(at, recording.time, column) for column in smooth.T])
+        motion = motion_at(recording.time, smooth, at)
         world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.data.motion import differentiate
+from mpge_bench.diagnosis.data.motion import differentiate, motion_at
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.bullet import BulletPredictor, stretches
@@ -65,7 +65,8 @@ class SimulatedWindows:
         """What the sensors would read in every window if the mechanism with `effects` began it in the state of `starts`.
 
         Args:
-            starts: q and dq, shape (windows, 2 joints).
+            starts: q and dq, and then, perhaps, how far each motor side (of effects that swing, by joints) is from where the warm-up leaves it, angle and
+                speed; shape (windows, 2 joints) or (windows, 2 joints + 2 motor sides).
             references: true q and dq along each whole recording, shape (rows of the file, 2 joints), on which hidden states are warmed up and late sensors
                 look back.
 
@@ -83,12 +84,14 @@ class SimulatedWindows:
         chain = self._rig.chain(effects)
         warm = self._warmed(references, warm_up(chain, self._settings.predict)) if made.program.remembers else None
         sensors = [effect for effect in chain if effect.on == "sensor"]
+        starts, beside = np.split(starts, [2 * self._rig.layout.nv], axis=1)
         result = np.empty((*self._rows.shape, starts.shape[1]))
         for grid in self._grids:
             own = grid.windows
             before = None if warm is None else Warm(warm.u[own], warm.q[own], warm.dq[own], warm.count[own])
             every = max(grid.every, 1)
-            path = made.roll(starts[own], grid.u, every=every, unstable=self._settings.predict.unstable, warm=before)
+            shifts = beside[own] if beside.size else None
+            path = made.roll(starts[own], grid.u, every=every, unstable=self._settings.predict.unstable, warm=before, beside=shifts)
             if not np.isfinite(path).all():
                 return None
             if sensors:
@@ -97,7 +100,8 @@ class SimulatedWindows:
         return result
 
     def _in_bullet(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
-        """As `predict`, by PyBullet."""
+        """As `predict`, by PyBullet, motor sides where the warm-up leaves them."""
+        starts = starts[:, : 2 * self._rig.layout.nv]
         result = np.empty((*self._rows.shape, starts.shape[1]))
         try:
             predictor = BulletPredictor(self._rig, effects, self._settings)
@@ -136,7 +140,7 @@ class SimulatedWindows:
         for window, ((at, row), r) in enumerate(zip(before, self._recording, strict=True)):
             if len(at):
                 u[window, -len(at) :] = self._recordings[r].u[row]
-                motion[window, -len(at) :] = _read(self._recordings[r].time, references[r], at)
+                motion[window, -len(at) :] = motion_at(self._recordings[r].time, references[r], at)
         return Warm(u, layout.q(motion), layout.dq(motion), count)
 
     def _sensed(self, path: Array, own: Indices, sensors: Sequence[Effect], references: Sequence[Array], step: float) -> Array:
@@ -150,7 +154,7 @@ class SimulatedWindows:
             time, first = self._recordings[self._recording[window]].time, self._rows[window, 0]
             counts[line] = min(back, int((time[first] - time[0]) / step + 1e-6))
             at = time[first] - step * np.arange(counts[line], 0, -1)
-            seen[line, back - counts[line] : back] = _read(time, references[self._recording[window]], at)
+            seen[line, back - counts[line] : back] = motion_at(time, references[self._recording[window]], at)
         for count in np.unique(counts):
             # Before a recording's first row sensors take the motion to have gone on as it begins: nothing may stand there.
             alike = counts == count
@@ -183,11 +187,6 @@ def error_at_once(rig: Rig, recording: Recording, horizon: float, effects: Seque
         raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in the rig")
     missed[rows] = rig.layout.q(found) - recording.q[rows]
     return missed
-
-
-def _read(time: Array, values: Array, at: Array) -> Array:
-    """`values` (rows, channels), known at `time`, at other times, shape (times, channels)."""
-    return np.column_stack([np.interp(at, time, column) for column in values.T])
 
 
 def _grid(every: int, found: Sequence[tuple[int, Array, Array]]) -> _Grid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 from collections.abc import Sequence
@@ -68,9 +69,12 @@ class WindowPredictor:
     Attributes:
         state, measured: reference and readings at the windows' rows, shape (windows, rows, 2 j).
         weight: of each reading, one by its noise; 0 where it is not used; same shape.
-        flow: what a change of the starting state becomes after each row, shape (windows, rows, 2 j, 2 j).
+        first: guess of the starting states, shape (windows, 2 j) or (windows, 2 j + 2 motor sides).
+        flow: what a change of the starting state becomes after each row, shape (windows, rows, 2 j, 2 j); where motor sides have starting states, too, these
+            come last, shape (windows, rows, 2 j, 2 j + 2 motor sides).
         halved_error: how the prediction changes with half the physics step, shape (windows, rows, 2 j).
         coarse: the same as a root mean square, in standard deviations of the noise, shape (windows,).
+        expected: mean square of what a right model leaves of a reading, in units of its weight, shape (windows,).
     """
 
     def __init__(self, linear: LinearisedSimulator, windows: Windows, sigma: Array, *, consistent: bool = False) -> None:
@@ -82,20 +86,15 @@ class WindowPredictor:
         self.a, self.g = linear.a[at, before], linear.g[at, before]
         self.state, self.measured = motion.state[at, rows], motion.measured[at, rows]
         usable = np.isfinite(self.measured) & np.isfinite(sigma) & (sigma < 1e6)
-        self.weight = np.where(usable, 1 / sigma, 0.0)
-        self.flow = flows(self.a)
+        self._sharp = np.where(usable, 1 / sigma, 0.0)
         nothing = np.zeros((count, length, n))
-        self.halved_error = self.propagate(nothing, linear.halved[at, before])
-        # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
-        self.coarse = np.sqrt(np.mean((self.halved_error * self.weight) ** 2, axis=(1, 2), where=usable)) if usable.any() else np.zeros(count)
-        self.weight = self.weight / np.sqrt(1 + (self.coarse / self.settings.coarse) ** 2)[:, None, None]
-        # Starting states are free: what they can explain is projected out.
-        self._starts, self._triangle = np.linalg.qr((self.flow * self.weight[..., None]).reshape(count, -1, 2 * n))
+        self._begin(flows(self.a), self.propagate(nothing, linear.halved[at, before]))
         self.base_error = self.propagate(nothing, linear.defects[at, before])
         if consistent:
             start = self.starts(self.measured - self.state - self.base_error - self.sensed(linear.base))
             self.state = self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0]
             self.base_error = np.zeros_like(self.state)
+        self.first = self.state[:, 0]
         self._intervals = motion.intervals()[at, before]
         #: By the rows of warm-up: one without, one with the usual one, and perhaps longer ones.
         self._stretches: Memory[int, list[Array]] = Memory(4)
@@ -106,6 +105,38 @@ class WindowPredictor:
     @property
     def settings(self) -> PredictSettings:
         return self.linear.settings
+
+    def simulated(self, halved_error: Array, first: Array | None = None, flow: Array | None = None) -> WindowPredictor:
+        """The same with what the simulator itself makes of half the physics step and, where motor sides have starting states, too, of changes of these.
+
+        Args:
+            halved_error: shape (windows, rows, 2 j).
+            first: guess of the starting states, motor sides' last, shape (windows, 2 j + 2 motor sides).
+            flow: what a change of them becomes, shape (windows, rows, 2 j, 2 j + 2 motor sides).
+        """
+        other = copy.copy(self)
+        other.first = self.first if first is None else first
+        other._begin(self.flow if flow is None else flow, halved_error)
+        return other
+
+    def _begin(self, flow: Array, halved_error: Array) -> None:
+        """Take what becomes of starting states, which are free: what they can explain is projected out; and of half the physics step."""
+        self.flow, self.halved_error = flow, halved_error
+        # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
+        usable = self._sharp > 0
+        self.coarse = np.sqrt(np.mean((halved_error * self._sharp) ** 2, axis=(1, 2), where=usable)) if usable.any() else np.zeros(len(usable))
+        doubt = self.coarse / self.settings.coarse
+        self.weight = self._sharp / np.sqrt(1 + doubt**2)[:, None, None]
+        # The physics step's error is forgiven as far as it is in proportion to what halving changes.
+        self.expected = np.minimum(1.0, (1 + (doubt**2 / self.settings.curved) ** 2) / (1 + doubt**2))
+        count, rows, channels, states = flow.shape
+        columns = (flow * self.weight[..., None]).reshape(count, -1, states)
+        self._starts, self._triangle = np.linalg.qr(columns)
+        # What no reading tells, as of a motor in the middle of its play, takes nothing away.
+        told = np.abs(np.diagonal(self._triangle, axis1=1, axis2=2)) > self.settings.started * np.linalg.norm(columns, axis=1)
+        self._starts = self._starts * told[:, None]
+        # Free starting states take a share of the residuals; models with more of them are not better for that.
+        self._fair = math.sqrt((rows - 1) * channels / max(rows * channels - states, 1))
 
     def _warm(self, effects: Sequence[Effect]) -> int:
         """Rows before the window on which the hidden states of `effects` are warmed up: no more than any window has before it, but for the usual ones."""
@@ -206,10 +237,10 @@ class WindowPredictor:
 
     def project(self, error: Array) -> Array:
         """`error` (windows, rows, 2 j) in units of the noise, without what starting states explain; shape (windows, rows * 2 j)."""
-        return project(error.reshape(len(error), -1), self.weight.reshape(len(error), -1), self._starts)
+        return self._fair * project(error.reshape(len(error), -1), self.weight.reshape(len(error), -1), self._starts)
 
     def starts(self, error: Array) -> Array:
-        """Changes of the starting states, shape (windows, 2 j), that explain most of `error` (windows, rows, 2 j)."""
+        """Changes of the starting states, shape (windows, 2 j + 2 motor sides), that explain most of `error` (windows, rows, 2 j)."""
         flat = (np.where(self.weight > 0, error, 0.0) * self.weight).reshape(len(error), -1, 1)
         along = np.swapaxes(self._starts, -1, -2) @ flat
         return np.linalg.solve(self._triangle + 1e-12 * np.eye(self._triangle.shape[-1]), along)[..., 0]

@@ -83,5 +83,5 @@ def _floors(choice: Choice, after: LinearisedSimulator) -> Array:
     speeds = layout.ddx(sigma)
     spread = np.where(np.isfinite(speeds), speeds, np.maximum(after.motion.spread, 1e-9))
     start = layout.state(layout.dx(sigma), spread) ** 2
-    carried = (choice.fitter.predictor.flow[problem.validation] ** 2 @ start).mean((0, 1))
+    carried = (choice.fitter.predictor.flow[problem.validation][..., : len(start)] ** 2 @ start).mean((0, 1))
     return np.asarray(np.sqrt(carried + np.where(np.isfinite(sigma), sigma, 0.0) ** 2))

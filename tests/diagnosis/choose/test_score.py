@@ -22,7 +22,7 @@ def model(cost: np.ndarray) -> Model:
     """One that leaves this sum of squares in each window."""
     fit = Fit((), np.sqrt(cost)[:, None], np.zeros((0, WINDOWS, 1)))
     level = float(np.mean(np.sqrt(cost)) ** 2)
-    return Model(fit, level, level, level, level, 0, (), np.zeros(0), 1.96, np.zeros(fit.size))
+    return Model(fit, level, level, level, fit.cost, 0, (), np.zeros(0), 1.96, np.zeros(fit.size))
 
 
 def test_gain_is_the_logarithm_of_the_share_that_is_left() -> None:

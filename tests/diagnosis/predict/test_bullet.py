@@ -173,7 +173,7 @@ def test_the_end_of_a_late_sensors_recording_goes_on_as_it_went(rig: Rig) -> Non
         ((Lag("shoulder", 0.03),), 1e-5),
         ((Lag("elbow", 0.05), Delay("elbow", 0.02)), 1e-3),
         ((JointElasticity("elbow", 30.0, 0.3, 0.02),), 5e-3),
-        ((Backlash("elbow", 0.04, 0.02),), 3e-2),
+        ((Backlash("elbow", 0.04, 0.02),), 5e-2),
         ((JointElasticity("elbow", 30.0, 0.3, 0.02), SensorBias("elbow", 0.1)), 5e-3),
     ],
 )

@@ -60,6 +60,7 @@ class Program:
         tables: points of curves and what they give, one after another.
         spans: where each joint's operations begin, shape (joints + 1,).
         memory: how many numbers a motion remembers.
+        motors: where each motor side's memory begins, and its joint, shape (motor sides, 2).
         step: physics step, s.
         rubs: whether any of them is dry friction.
         remembers: whether any of them has a hidden state that depends on the motion before.
@@ -70,6 +71,7 @@ class Program:
     tables: Array
     spans: Indices
     memory: int
+    motors: Indices
     step: float
     rubs: bool
     remembers: bool
@@ -147,6 +149,7 @@ def written(chain: Sequence[tuple[Effect, int]], joints: int, step: float, inert
     numbers: list[list[float]] = []
     table: list[float] = []
     spans, memory = [0], 0
+    motors: list[tuple[int, int]] = []
     for joint in range(joints):
         for effect, place in chain:
             if place != joint or isinstance(effect, _SILENT):
@@ -154,6 +157,8 @@ def written(chain: Sequence[tuple[Effect, int]], joints: int, step: float, inert
             operation, write = _WRITTEN[type(effect)]
             parameters, size, points = write(effect, step, math.inf if inertia is None else float(inertia[joint]))
             operations.append((operation, memory, len(table)))
+            if operation == MOTOR_SIDE:
+                motors.append((memory, joint))
             numbers.append([*parameters, *[0.0] * (_NUMBERS - len(parameters))])
             table.extend(points)
             memory += size
@@ -164,6 +169,7 @@ def written(chain: Sequence[tuple[Effect, int]], joints: int, step: float, inert
         np.array(table, float),
         np.array(spans, np.int64),
         memory,
+        np.array(motors, np.int64).reshape(-1, 2),
         step,
         any(operation in (COULOMB, STRIBECK, LOAD) for operation, _, _ in operations),
         any(effect.remembers for effect, _ in chain),

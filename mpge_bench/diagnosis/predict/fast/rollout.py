@@ -41,7 +41,7 @@ class Mechanism:
     tree: FlatTree
     program: Program
 
-    def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None) -> Array:
+    def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None) -> Array:
         """The motion from each of `start` on.
 
         Args:
@@ -49,6 +49,7 @@ class Mechanism:
             start: q and dq, shape (windows, 2 joints).
             u: commands, shape (windows, rows, joints), each held for `every` physics steps.
             warm: motion before the start on which hidden states are warmed up.
+            beside: how far each motor side is then from where the warm-up leaves it: angles and speeds in turn, shape (windows, 2 motor sides).
 
         Returns:
             q and dq at the start and after each row, shape (windows, rows + 1, 2 joints); NaN from where the simulation is unstable.
@@ -77,6 +78,8 @@ class Mechanism:
             np.ascontiguousarray(before.q),
             np.ascontiguousarray(before.dq),
             np.ascontiguousarray(before.count),
+            program.motors,
+            np.zeros((len(start), 2 * len(program.motors))) if beside is None else np.ascontiguousarray(beside, float),
             result,
         )
         if not free:
@@ -199,6 +202,8 @@ def _rolled(
     warm_q: Array,
     warm_dq: Array,
     warm_count: Indices,
+    motors: Indices,
+    beside: Array,
     result: Array,
 ) -> bool:
     """Fill `result`; whether no joint reached an end stop."""
@@ -214,8 +219,14 @@ def _rolled(
         if len(warm_count):
             steps = warm_u.shape[1]
             for step in range(steps - warm_count[window], steps):
-                at = window, step
-                _drive(spans, operations, numbers, tables, dt, warm_u[at], warm_q[at], warm_dq[at], memory, right, most)
+                then = window, step
+                _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
+        for motor in range(len(motors)):
+            at, joint = motors[motor]
+            if memory[at] == 0.0:
+                memory[at], memory[at + 1], memory[at + 2] = 1.0, q[joint], dq[joint]
+            memory[at + 1] += beside[window, 2 * motor]
+            memory[at + 2] += beside[window, 2 * motor + 1]
         for row in range(rows):
             sane = True
             for _ in range(every):

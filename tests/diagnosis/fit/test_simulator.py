@@ -1,0 +1,47 @@
+"""Fits in the simulator itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.fit.problem import Problem, problem
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, ViscousFriction
+
+from ..conftest import write_case
+
+
+def _posed(folder: Path, *effects: Effect) -> Problem:
+    rig = read_rig(write_case(folder, effects))
+    measured = measurements(rig, read_recordings(sorted(folder.glob("*.csv")), rig))
+    return problem(measured, reference(rig, measured.recordings), 0.5)
+
+
+def test_the_damping_of_an_elastic_joint_comes_out_right(tmp_path: Path) -> None:
+    """A lightly damped motor forgets where it was within a second; taken to be where the recorded joint drives it, it would be damped twice as much."""
+    truth = JointElasticity("hinge", 60.0, 0.06, 0.02)
+    posed = _posed(tmp_path, truth)
+    effects: tuple[Effect, ...] = (replace(truth, damping=0.12, stiffness=66.0),)
+    for _ in range(3):
+        model, _ = polished(posed, effects)
+        effects = model.effects
+    (found,) = effects
+    assert isinstance(found, JointElasticity)
+    values = np.array([found.stiffness, found.damping, found.motor_inertia])
+    np.testing.assert_allclose(values, [60.0, 0.06, 0.02], rtol=0.2)
+    assert np.abs((values - [60.0, 0.06, 0.02]) / model.standard_errors).max() < 3
+
+
+def test_starting_states_of_motors_are_unknowns(tmp_path: Path) -> None:
+    posed = _posed(tmp_path, Backlash("hinge", 0.04, 0.02))
+    assert posed.fitter([Backlash("hinge", 0.03, 0.02)]).predictor.flow.shape[-1] == 4
+    assert posed.fitter([ViscousFriction("hinge", 0.03)]).predictor.flow.shape[-1] == 2
+    # No model is better for having more of them: the same number of readings is left to judge it by.
+    left = [posed.fitter([effect]).count.mean() for effect in (Backlash("hinge", 0.03, 0.02), ViscousFriction("hinge", 0.03))]
+    assert abs(left[0] / left[1] - 1) < 0.1
