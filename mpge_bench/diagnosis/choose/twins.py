@@ -44,7 +44,7 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
         return ()
     fitter = trials.problem.fitter(chosen.effects)
     # Nuisances take part, but each standard deviation of one costs as much as one of a reading's noise: what goes beyond their limits is not theirs.
-    nuisances = fitter.nuisances.doubts(chosen.effects)[0].reshape(-1, chosen.fit.residuals.size)
+    nuisances = fitter.nuisances.forgiven(chosen.effects).reshape(-1, chosen.fit.residuals.size)
     nuisances = np.concatenate((nuisances, np.eye(len(nuisances))), axis=1)
 
     def flat(columns: Array) -> Array:

@@ -125,7 +125,7 @@ class LinearFitter:
         jacobian, residuals = (fit.jacobian * weights)[:, self.train], (fit.residuals * weights)[self.train]
         found = directions(jacobian.reshape(fit.size, -1), sizes_of(fit.effects), self.settings)
         told = np.tensordot(found.basis.T, jacobian, 1)
-        forgiven, held = ((one * weights)[:, self.train] for one in self.nuisances.doubts(fit.effects))
+        forgiven, held = ((one * weights)[:, self.train] for one in (self.nuisances.forgiven(fit.effects), self.nuisances.delays(fit.effects)))
         unknown = np.concatenate((told, forgiven))
         prior = np.diag(np.repeat([0.0, 1.0], [len(told), len(forgiven)]))
         own = np.einsum("awk,bwk->wab", unknown, unknown)

@@ -78,7 +78,7 @@ class Nuisances:
         columns, limits = self._of(effects)
         if halved is not None:
             columns[0] = halved * _spread(self.settings.step_error)
-        delays = np.zeros((0, *residual.shape)) if jacobian is None else self._delays(effects)
+        delays = np.zeros((0, *residual.shape)) if jacobian is None else self.delays(effects)
         columns = np.concatenate((columns, delays))
         bounds = np.array([*limits, *[_in_spreads(self.settings.motor_step)] * len(delays)])
         known = np.ones(len(columns))
@@ -91,13 +91,9 @@ class Nuisances:
         inside = (sizes > bounds[:, 0]) & (sizes < bounds[:, 1])
         return Forgiven(residual - np.tensordot(sizes, columns, 1), columns, sizes, inside)
 
-    def doubts(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """How the prediction changes by one standard deviation of each nuisance: of those that are forgiven in fits, and of those that are only judged.
-
-        Returns:
-            Both of shape (nuisances, windows, rows * channels).
-        """
-        return self._of(effects)[0], self._delays(effects)
+    def forgiven(self, effects: Sequence[Effect]) -> Array:
+        """How the prediction changes by one standard deviation of each nuisance that fits forgive, shape (nuisances, windows, rows * channels)."""
+        return self._of(effects)[0]
 
     def _of(self, effects: Sequence[Effect]) -> tuple[Array, list[Array]]:
         """Columns, projected, and limits of what is forgiven beside `effects` in fits, both by standard deviations."""
@@ -127,8 +123,11 @@ class Nuisances:
         earlier = predictor.project(predictor.propagate(predictor.torques(effects, early=True) - predictor.torques(effects)))
         return earlier * _spread(self.settings.friction_lead)
 
-    def _delays(self, effects: Sequence[Effect]) -> Array:
-        """How the prediction changes, projected, if motors with a hidden state of their own got each command later and late sensors read later, one by one."""
+    def delays(self, effects: Sequence[Effect]) -> Array:
+        """How the prediction changes, projected, if motors with a hidden state of their own got each command later and late sensors read later, one by one.
+
+        By one standard deviation of each, shape (nuisances, windows, rows * channels). Only judging forgives them.
+        """
         predictor, rig = self._predictor, self._predictor.linear.rig
         slow = {effect.target for effect in rig.chain(effects) if effect.remembers}
         slow -= {effect.target for effect in effects if isinstance(effect, Delay)}

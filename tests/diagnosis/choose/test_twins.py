@@ -57,7 +57,7 @@ def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Mad
     fit = fitter.fit([Armature("hinge", 0.01)])
     chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
     alike = fitter.predictor.change(fit.effects)[None] / 100
-    monkeypatch.setattr(fitter.nuisances, "doubts", lambda effects: (alike, alike[:0]))
+    monkeypatch.setattr(fitter.nuisances, "forgiven", lambda effects: alike)
     fitter.free = alike
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
     trials: Any = SimpleNamespace(problem=problem, candidates=candidates)
