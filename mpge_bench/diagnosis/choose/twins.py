@@ -6,7 +6,7 @@ to fit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -29,19 +29,45 @@ class Twin:
         effects: of the whole model, the other effect last and at one of its starts.
         replaced: the effect that it stands for.
         distance: between the two models' predictions at the other's best parameters, standard deviations of what the chosen one leaves.
+        change: by which the replaced effect moves the prediction, in the same units.
     """
 
     effects: tuple[Effect, ...]
     replaced: Effect
     distance: float
+    change: float
 
 
 def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
-    """The chosen model with each candidate in the place of each of its effects, the nearest first."""
+    """The chosen model with each candidate in the place of each of its effects, the nearest first.
+
+    By the linearised simulator; where that tells two apart by a small part of what they do, as it tells an offset sensor from a tilted base, by a fit.
+    """
+    settings = trials.problem.settings.choose
+    found = _by_columns(trials, chosen)
+    unsure = [one for one in found if settings.apart <= one.distance < settings.alike * one.change]
+    told = {one: _fitted(trials, chosen, one) for one in sorted(unsure, key=lambda one: one.distance)[: settings.twins]}
+    return tuple(sorted((told.get(one, one) for one in found), key=lambda one: one.distance))
+
+
+def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
+    """`twin` with its own best parameters, and how far its prediction then is from the chosen model's; as it is where there is no time."""
+    model = trials.known().get(key(twin.effects))
+    if model is None:
+        pairs = [] if trials.cut_short("telling twins apart") else trials.polished([twin.effects])
+        if not pairs:
+            return twin
+        model = trials.add(trials.converged(*pairs[0])[0])
+    distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
+    return replace(twin, effects=model.effects, distance=min(distance, twin.distance))
+
+
+def _by_columns(trials: Trials, chosen: Model) -> list[Twin]:
+    """As `twins`, in no order, by the linearised simulator alone."""
     found: list[Twin] = []
     named = [one for one in chosen.effects if one.named]
     if not named:
-        return ()
+        return []
     fitter = trials.problem.fitter(chosen.effects)
     # Nuisances take part, but each standard deviation of one costs as much as one of a reading's noise: what goes beyond their limits is not theirs.
     nuisances = fitter.nuisances.forgiven(chosen.effects).reshape(-1, chosen.fit.residuals.size)
@@ -62,8 +88,9 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
             options = [columns] if not candidate.kind.is_bent() else list(columns[:, None])
             distances = [remainder(own, np.concatenate((option, beside))) for option in options]
             best = int(np.argmin(distances))
-            found.append(Twin((*others, candidate.starts[best]), effect, distances[best] / max(1.0, chosen.train) ** 0.5))
-    return tuple(sorted(found, key=lambda one: one.distance))
+            scale = max(1.0, chosen.train) ** 0.5
+            found.append(Twin((*others, candidate.starts[best]), effect, distances[best] / scale, float(np.linalg.norm(own)) / scale))
+    return found
 
 
 def plainest(trials: Trials, chosen: Model) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,12 +12,15 @@ import pytest
 
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import plainness, remainder, twins
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
 from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Gravity, InertiaScale, SensorBias, TorqueGain
 
-from ..conftest import Made
+from ..conftest import Made, write_case
 
 
 def test_the_plainer_of_two_equals() -> None:
@@ -40,7 +44,7 @@ def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Ca
     fit = fitter.fit([InertiaScale("arm", 1.5)])
     chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
-    trials: Any = SimpleNamespace(problem=problem, candidates=candidates)
+    trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
     found = twins(trials, chosen)
     assert {one.effects[-1].name for one in found} == {one.name for one in candidates} - {"inertia_scale"}
     near = {one.effects[-1].name for one in found if one.distance < 3.3}
@@ -60,7 +64,7 @@ def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Mad
     monkeypatch.setattr(fitter.nuisances, "forgiven", lambda effects: alike)
     fitter.free = alike
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
-    trials: Any = SimpleNamespace(problem=problem, candidates=candidates)
+    trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
     distance = {one.effects[-1].name: one.distance for one in twins(trials, chosen)}
     assert distance["coulomb_friction"] > 10
     assert distance["inertia_scale"] < 3.3
@@ -75,3 +79,13 @@ def test_only_what_was_cut_short_is_said_to_be() -> None:
     assert list(trials.cut) == []
     assert trials.cut_short("curves")
     assert list(trials.cut) == ["curves"]
+
+
+def test_what_the_linearised_simulator_is_unsure_of_is_fitted(tmp_path: Path) -> None:
+    """On a pendulum a tilted base, an offset sensor and a shifted centre of mass are one; in columns about the one, the others are 2% off."""
+    rig = read_rig(write_case(tmp_path, [Gravity("world", (-0.784, 0.0, -9.779))]))
+    found = diagnose(rig, read_recordings(sorted(tmp_path.glob("train_*.csv")), rig))
+    (chosen,) = found.effects
+    alike = {chosen.name, *(label.split(":")[0] for pair in found.data["indistinguishable"] for label in pair)}
+    assert {"gravity", "com_offset", "sensor_bias"} <= alike
+    assert found.data["effects"][0]["confidence"] <= 0.5
