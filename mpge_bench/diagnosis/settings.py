@@ -157,6 +157,7 @@ class ChooseSettings:
     hopeless: tuple[float, float] = _setting((10.0, 4.0), "times the best", "drafts that miss more are not polished: first round, later")
     reached: float = _setting(0.02, "share", "where a draft misses so much less than a model, models further behind are not followed up")
     held: float = _setting(1.2, "times the noise", "a best model this near the noise leaves room for none that is far off")
+    elsewhere: float = _setting(30.0, "times", "more than fits leave is missed where models are chosen: what is missed acts there")
     half_truth: float = _setting(30.0, "times the best", "a model this far off may still be half of the truth")
     on_the_way: float = _setting(30.0, "times the noise", "a model that misses more is but a step on the way")
     convergences: int = _setting(4, "fits", "of a model about its own fit, at most")

@@ -56,9 +56,14 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
 
 
 def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
-    """Whether what is left shows only in the recordings that models are chosen by, as a limit that the others never reach: no fit could learn it."""
+    """Whether what is left shows only, or by far the most, in the recordings that models are chosen by, as a limit that the others hardly reach.
+
+    No fit could learn it.
+    """
     missed = [one.validation for one in models if one.train < settings.fit.clean]
-    return bool(missed) and min(missed) > settings.verdict.explained
+    if missed:
+        return min(missed) > settings.verdict.explained
+    return min(one.validation for one in models) > settings.choose.elsewhere * min(one.train for one in models)
 
 
 def chance_of(mean_square: float, windows: int, settings: ChooseSettings) -> float:

@@ -58,7 +58,18 @@ def test_what_a_right_simulator_misses_of_violent_motion_is_no_mismatch(tmp_path
     assert found.screening.p_value > DEFAULT.choose.significance
 
 
-@pytest.mark.parametrize(("fits", "told"), [([(1.0, 9.0)], True), ([(5.0, 9.0), (1.0, 9.0)], True), ([(1.0, 9.0), (1.0, 1.2)], False), ([(5.0, 9.0)], False)])
-def test_windows_are_dealt_anew_only_where_fits_leave_nothing_and_choosing_does(fits: list[tuple[float, float]], told: bool) -> None:
+@pytest.mark.parametrize(
+    ("fits", "told"),
+    [
+        ([(1.0, 9.0)], True),
+        ([(5.0, 9.0), (1.0, 9.0)], True),
+        ([(1.0, 9.0), (1.0, 1.2)], False),
+        ([(5.0, 9.0)], False),
+        # A limit that fits see in one window, and choosing in ten.
+        ([(7.0, 4000.0), (8.0, 9000.0)], True),
+        ([(7.0, 4000.0), (8.0, 9.0)], False),
+    ],
+)
+def test_windows_are_dealt_anew_where_what_is_missed_acts_where_models_are_chosen(fits: list[tuple[float, float]], told: bool) -> None:
     models: Any = [SimpleNamespace(train=train, validation=validation) for train, validation in fits]
     assert shown_to_some(models, DEFAULT) is told
