@@ -33,9 +33,10 @@ class AgentSettings(PPOSettings):
     """Hyperparameters of an agent that learns by PPO, and how its policy is chosen, by returns where it learns and nowhere else.
 
     One run of PPO may end with a gait that stands still or with a bad last batch. So the budget is cut into rounds: agents of the first start from several
-    source policies; in the next the best that came of each of these goes on, as far as there are finalists, with fresh noise and a fresh learning rate; then
-    half as many origins do, each with more agents (successive halving, Jamieson & Talwalkar 2016). Where all went on from the one best policy at once, one
-    seed of five stayed where it stood. The more agents a round has, the fewer steps has each.
+    source policies; in the next the most promising that came of each of these goes on, as far as there are finalists, with fresh noise and a fresh learning
+    rate; then half as many origins do, each with more agents (successive halving, Jamieson & Talwalkar 2016). Promise is return times return per step: who
+    earns as much before it falls as another by standing still for ten times as long has more to come. By return alone one seed of five stayed where it stood.
+    The more agents a round has, the fewer steps has each. The answer is the best of all by its return.
 
     Attributes:
         steps: control steps of a round, which its agents share. With 0 a transfer ends with the grounding: the policy stays the one it starts from.
@@ -70,6 +71,8 @@ class Learnt:
     Attributes:
         weights: its state dict.
         value: mean return where it learnt, by which it was chosen.
+        promising: the state dict of its most promising checkpoint.
+        promise: of that one, by which it goes on.
         steps: control steps that all of it took, evaluations included.
         curve: (round, the agent's control steps in it, mean return, agent) of all that was compared, in order.
         origin: the agent of the first round that it comes of.
@@ -77,6 +80,8 @@ class Learnt:
 
     weights: Weights
     value: float
+    promising: Weights
+    promise: float
     steps: int
     curve: list[tuple[int, int, float, int]]
     origin: int = 0
@@ -104,7 +109,7 @@ class _Place:
         """What an agent of round number `turn` learns in its `share` of steps: the best of its checkpoints, or its last weights if nothing is compared."""
         settings = self.settings
         log = self.log_dir / f"round_{turn}_candidate_{candidate}" if self.log_dir else None
-        best, value, evaluated = None, -np.inf, 0
+        best, value, promising, promise, evaluated = None, -np.inf, None, -np.inf, 0
         curve: list[tuple[int, int, float, int]] = []
         # A copy: a transformation that draws noise shall draw the same whichever process this is.
         worlds = Worlds(self.make, settings.worlds, _mixed(self.seed, turn, candidate, 0), copy.deepcopy(self.transformation))
@@ -122,7 +127,11 @@ class _Place:
                     curve.append((turn, agent.steps, found, candidate))
                     if found > value:
                         best, value = weights, found
-            return Learnt(best or agent.state(), value, agent.steps + evaluated, curve, origin)
+                    hope = found * abs(found) * settings.episodes / steps
+                    if hope > promise:
+                        promising, promise = weights, hope
+            last = agent.state()
+            return Learnt(best or last, value, promising or last, promise, agent.steps + evaluated, curve, origin)
 
     def play(self, weights: Weights, limit: float) -> tuple[float, int]:
         """Mean return of the policy here, and the control steps that took to find out."""
@@ -177,16 +186,16 @@ def learn(
             progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
             calls = [(turn, number, settings.steps // len(begins), *begin) for number, begin in enumerate(begins)]
             found += crew.side_by_side(place.learn, calls, progress.advance)
-            best = _best_of_each(found)
-            kept = best[: max(1, settings.finalists >> turn)]
-            begins = [(one.weights, one.origin) for one in itertools.islice(itertools.cycle(kept), settings.finalists)]
-    return replace(best[0], steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
+            kept = _most_promising_of_each(found)[: max(1, settings.finalists >> turn)]
+            begins = [(one.promising, one.origin) for one in itertools.islice(itertools.cycle(kept), settings.finalists)]
+    best = max(found, key=lambda one: one.value)
+    return replace(best, steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
 
 
-def _best_of_each(found: Sequence[Learnt]) -> list[Learnt]:
-    """The best of each origin, the best of all first."""
+def _most_promising_of_each(found: Sequence[Learnt]) -> list[Learnt]:
+    """The most promising of each origin, the most promising of all first."""
     best: dict[int, Learnt] = {}
-    for one in sorted(found, key=lambda one: -one.value):
+    for one in sorted(found, key=lambda one: -one.promise):
         best.setdefault(one.origin, one)
     return list(best.values())
 
