@@ -99,3 +99,15 @@ def test_half_as_many_starts_go_on_from_the_third_round_on(pendulum_policies, be
     learn(TASK.source, dataclasses.replace(CHOOSING, rounds=3, checkpoints=1), 0, starts=pendulum_policies.weights)
     assert begun[3] is not begun[4]
     assert begun[5] is begun[6]
+
+
+def test_who_earns_faster_goes_on_and_who_earns_most_is_the_answer(pendulum_policies, begun, monkeypatch):
+    """Standing still for 900 steps returns more than a gait that falls after 200, but has nothing to come."""
+    played = iter([(900.0, 2 * 900), (500.0, 2 * 200), (100.0, 2 * 100)])
+    seen = []
+    monkeypatch.setattr(agent._Place, "play", lambda self, weights, limit: seen.append(weights) or next(played))
+    settings = dataclasses.replace(CHOOSING, candidates=2, finalists=1, checkpoints=1)
+    found = learn(TASK.source, settings, 0, starts=pendulum_policies.weights)
+    assert begun[2] is seen[1]
+    assert found.value == 900.0
+    assert found.weights is seen[0]
