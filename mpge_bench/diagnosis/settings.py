@@ -182,7 +182,7 @@ class VerdictSettings:
     surely: float = _setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
     no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
     interval: float = _setting(
-        2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 219 numbers, as simulators differ by more than steps and chance"
+        2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 287 numbers, as simulators differ by more than steps and chance"
     )
     rivals: int = _setting(8, "models", "are listed with their errors")
     ruled_out: float = _setting(5.0, "log evidence", "odds of 150 to 1 against the model")
