@@ -45,6 +45,7 @@ class AgentSettings(PPOSettings):
         finalists: agents of a later round; in the second each comes of another agent of the first.
         checkpoints: how many are compared of an agent in a round, at equal distances, the last at its end.
         episodes: that a comparison plays with each, mean actions, the same ones for all.
+        by_promise: whether agents go on by promise; by return otherwise, as they once did.
     """
 
     steps: int
@@ -53,6 +54,7 @@ class AgentSettings(PPOSettings):
     finalists: int = 1
     checkpoints: int = 1
     episodes: int = 10
+    by_promise: bool = True
 
     def __post_init__(self) -> None:
         if min(self.rounds, self.candidates, self.finalists, self.checkpoints, self.episodes) < 1:
@@ -127,7 +129,7 @@ class _Place:
                     curve.append((turn, agent.steps, found, candidate))
                     if found > value:
                         best, value = weights, found
-                    hope = found * abs(found) * settings.episodes / steps
+                    hope = found * abs(found) * settings.episodes / steps if settings.by_promise else found
                     if hope > promise:
                         promising, promise = weights, hope
             last = agent.state()
