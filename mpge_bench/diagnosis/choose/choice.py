@@ -48,7 +48,7 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     settings = problem.settings.choose
     calm = fitter.predictor.coarse < settings.calm
     # Their mean square: one window that misses a hundred noises is enough.
-    missed = (model.fit.cost / fitter.count)[calm]
+    missed = model.missed[calm]
     by_size = chance_of(float(missed.mean()), len(missed), settings) if len(missed) else 1.0
     if found.least < settings.significance and by_size < found.p_value:
         found = replace(found, p_value=max(by_size, settings.least_chance), is_bound=by_size < settings.least_chance)

@@ -109,12 +109,13 @@ class Problem:
             return predictor
         if not motors:
             return predictor.simulated(fine - coarse)
-        for _ in range(self.settings.fit.start_passes):
+        for index in range(self.settings.fit.start_passes):
+            if index:
+                first = self._nearer(predictor, effects, first)
             flow = self._flow(linear, effects, first)
             if flow is None:
                 return predictor
             predictor = predictor.simulated(fine - coarse, first, flow)
-            first = self._nearer(predictor, effects, first)
         return predictor
 
     def _nearer(self, predictor: WindowPredictor, effects: Sequence[Effect], first: Array) -> Array:

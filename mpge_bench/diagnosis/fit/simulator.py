@@ -66,11 +66,14 @@ def _derivatives(problem: Problem, fitter: LinearFitter, effects: Sequence[Effec
     steps = size * np.concatenate([steps_of(effect) for effect in effects])
     steps = np.where(values + steps <= high, steps, -steps)
     at = problem.predictions(predictor.linear, effects, predictor.first)
-    found = []
-    for moved, step in zip(values + np.diag(steps), steps, strict=True):
-        there = None if at is None else problem.predictions(predictor.linear, rebuild(effects, moved), predictor.first)
-        found.append(np.zeros(fitter.residual.shape) if at is None or there is None else predictor.project(there - at) / step)
-    return np.array(found)
+    found = np.zeros((len(values), *fitter.residual.shape))
+    if at is None:
+        return found
+    for column, moved, step in zip(found, values + np.diag(steps), steps, strict=True):
+        there = problem.predictions(predictor.linear, rebuild(effects, moved), predictor.first)
+        if there is not None:
+            column[:] = predictor.project(there - at) / step
+    return found
 
 
 @dataclass(frozen=True)
