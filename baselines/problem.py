@@ -57,7 +57,8 @@ def roll_out_each(make: Callable[[], RobotEnv], policies: PolicySet, samples: in
     return merge([roll_out(make, policies, member, samples, seed) for member, seed in enumerate(seeds)])
 
 
-def _measured(found: Transitions, noise: Array, seed: int) -> Transitions:
+def with_noise(found: Transitions, noise: Array, seed: int) -> Transitions:
+    """What sensors with noise of standard deviation `noise`, shape (o,), tell of `found`; the state between two transitions is measured once."""
     rng = np.random.default_rng((seed, 1))  # another stream than the actions'
     before, after = (rng.normal(size=found.observations.shape) * noise for _ in range(2))
     same = (found.next_observations[:-1] == found.observations[1:]).all(1)
@@ -159,7 +160,7 @@ class Problem:
             return measured(roll_out(target, policies, member, samples, seed=seed * 1000 + self._drawn))
 
         def measured(found: Transitions) -> Transitions:
-            return _measured(found, noise * spread(), seed * 1000 + self._drawn) if noise else found
+            return with_noise(found, noise * spread(), seed * 1000 + self._drawn) if noise else found
 
         @functools.cache
         def spread() -> Array:

@@ -18,7 +18,7 @@ from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
 from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
-from mpge_bench.envs.layout import BASE_DQ, BASE_Q
+from mpge_bench.envs.layout import BASE_DQ, BASE_Q, Layout
 from mpge_bench.envs.model import Model, rotor_of
 from mpge_bench.envs.picture import Image, picture, visible
 
@@ -102,6 +102,7 @@ class World:
     ) -> None:
         self.timestep = timestep
         self.substeps = substeps
+        self._rubbed = False
         disconnect_dropped()
         self._client: int = bullet.connect(bullet.DIRECT)
         weakref.finalize(self, _dropped.append, self._client)
@@ -111,15 +112,19 @@ class World:
             model.add_rotor(name, inertia, carried=not model.floating)
         for name, inertia in model.armature.items():
             model.add_rotor(name, inertia)
-        #: Those that were given, and what PyBullet leaves out of the model itself.
-        self.effects = (
-            *effects,
+        #: What PyBullet leaves out of the model itself.
+        self._own = (
             *(JointSpring(joint, *spring) for joint, spring in model.springs.items()),
             *(CoulombFriction(joint, torque) for joint, torque in model.frictions().items()),
         )
+        #: Those that were given, and the model's own.
+        self.effects = (*effects, *self._own)
+        #: Movable joints in the order of q and dq.
+        self.joints = model.joints
+        #: Where base and joints stand in q and dq.
+        self.layout = Layout(len(self.joints), self.floating)
+        self._check_targets(self.effects)
         for effect in self.effects:
-            if effect.on in ("joint", "sensor") and effect.target not in model.joints:
-                raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(model.joints)}")
             try:
                 effect.install(model)
             except UserError as error:
@@ -137,8 +142,6 @@ class World:
                 # Bullet lets no joint be faster than 100 rad/s. The robots with `armature` keep this bound: their published results are with it.
                 bullet.changeDynamics(self._body, index, maxJointVelocity=1e6, physicsClientId=self._client)
         rotors = {name: indices.pop(rotor_of(name))[0] for name in model.rotors}
-        #: Movable joints in the order of q and dq.
-        self.joints = model.joints
         self._links = {link: index for index, link in indices.values() if self._mass(index) > 0}
         if self.floating:
             bullet.changeDynamics(self._body, -1, linearDamping=0, angularDamping=0, physicsClientId=self._client)
@@ -181,13 +184,57 @@ class World:
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
-        actuators = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "joint"]
+        self._geared_hard = 1.0 in model.rotors.values()
+        bullet.setPhysicsEngineParameter(numSolverIterations=iterations, deterministicOverlappingPairs=1, physicsClientId=self._client)
+        self._take_up(self.effects)
+        # restoreState forgets the contacts of the moment only if the snapshot has contacts of its own: take it where the robot is in the ground.
+        bullet.performCollisionDetection(physicsClientId=self._client)
+        self._snapshot: int = bullet.saveState(physicsClientId=self._client)
+        self.q, self.dq = self._zero()
+        if self.floating:
+            #: Centre of mass of the base, whose motion PyBullet tells, in the frame of the base link, whose motion q and dq tell.
+            _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, -1, physicsClientId=self._client)
+            self._base_centre = None if place == (0.0, 0.0, 0.0) and turn == (0.0, 0.0, 0.0, 1.0) else (place, turn)
+        self.set_state(self.q, self.dq)
+        self._tell_inertias()
+
+    def replace_effects(self, effects: Sequence[Effect]) -> None:
+        """Give the robot, put at its zero configuration, other effects; those that alter its model have to stay. Much faster than a new world.
+
+        Args:
+            effects: all of them, in the order of the constructor's.
+
+        Raises:
+            UserError: if one names a joint the model has not.
+            ValueError: if they alter the model in another way.
+        """
+        effects = (*effects, *self._own)
+        if [one for one in effects if one.alters_model] != [one for one in self.effects if one.alters_model]:
+            raise ValueError("effects that alter the model need a world of their own")
+        self._check_targets(effects)
+        self.effects = effects
+        self._take_up(effects)
+        self.set_state(*self._zero())
+        self._tell_inertias()
+
+    def _zero(self) -> tuple[Array, Array]:
+        """q and dq of the robot at rest at the origin."""
+        base = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] if self.floating else []
+        return np.array(base + [0.0] * len(self.joints)), np.zeros(BASE_DQ * self.floating + len(self.joints))
+
+    def _check_targets(self, effects: Sequence[Effect]) -> None:
+        for effect in effects:
+            if effect.on in ("joint", "sensor") and effect.target not in self.joints:
+                raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(self.joints)}")
+
+    def _take_up(self, effects: Sequence[Effect]) -> None:
+        """Let `effects` do between command and joint, and between joint and reading, what they do."""
+        actuators = [(effect, self.joints.index(effect.target)) for effect in effects if effect.on == "joint"]
         #: A command that depends on the state (a spring, say) is worked out anew at every physics step; any other one is held.
         self._held = all(effect.maps_command or effect.steady for effect, _ in actuators) and not self._forces
-        self._advances = 1 if self._held else substeps
-        steps = substeps // self._advances
-        self._hidden = [Hidden(timestep) for _ in actuators]
-        zeros = [0.0] * len(self.joints)
+        self._advances = 1 if self._held else self.substeps
+        steps = self.substeps // self._advances
+        self._hidden = [Hidden(self.timestep) for _ in actuators]
         rubs = [effect.rubs for effect, _ in actuators]
         #: Dry friction that changes is worked out anew at every physics step; steady dry friction is set once.
         self._rubbing = any(rubs) and not all(effect.steady for (effect, _), rub in zip(actuators, rubs, strict=True) if rub)
@@ -196,37 +243,27 @@ class World:
             (effect.actuate, joint, hidden, effect.friction if rub and self._rubbing else None)
             for (effect, joint), hidden, rub in zip(actuators, self._hidden, rubs, strict=True)
         ]
-        self._sensors = [(effect, self.joints.index(effect.target)) for effect in self.effects if effect.on == "sensor"]
+        self._remembering = [(hidden, joint) for (effect, joint), hidden in zip(actuators, self._hidden, strict=True)] if any(
+            effect.remembers for effect, _ in actuators
+        ) else []
+        self._sensors = [(effect, self.joints.index(effect.target)) for effect in effects if effect.on == "sensor"]
         self._readings: list[tuple[Array, Array]] = []
-        bullet.setPhysicsEngineParameter(
-            fixedTimeStep=timestep * steps,
-            numSubSteps=steps if steps > 1 else 0,
-            numSolverIterations=iterations,
-            deterministicOverlappingPairs=1,
-            physicsClientId=self._client,
-        )
-        if any(rubs) or 1.0 in model.rotors.values():
-            # By default the solver stops early, at errors of some hundredths of what friction and heavy rotors do to the motion.
-            bullet.setPhysicsEngineParameter(solverResidualThreshold=0, physicsClientId=self._client)
-        if any(rubs) and not self._rubbing:
+        bullet.setPhysicsEngineParameter(fixedTimeStep=self.timestep * steps, numSubSteps=steps if steps > 1 else 0, physicsClientId=self._client)
+        # By default the solver stops early, at errors of some hundredths of what friction and heavy rotors do to the motion.
+        threshold = 0.0 if any(rubs) or self._geared_hard else _SOLVED
+        bullet.setPhysicsEngineParameter(solverResidualThreshold=threshold, physicsClientId=self._client)
+        most = [0.0] * len(self.joints)
+        if not self._rubbing:
             for (effect, joint), rub in zip(actuators, rubs, strict=True):
                 # Bullet turns the force into an impulse by the whole control step, but spends that impulse in each physics step.
-                zeros[joint] += effect.friction(None, joint, None, None) / steps if rub else 0.0
-            self._rub(zeros)
-        # restoreState forgets the contacts of the moment only if the snapshot has contacts of its own: take it where the robot is in the ground.
-        bullet.performCollisionDetection(physicsClientId=self._client)
-        self._snapshot: int = bullet.saveState(physicsClientId=self._client)
-        base = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] if self.floating else []
-        self.q = np.array(base + [0.0] * len(self.joints))
-        self.dq = np.zeros(BASE_DQ * self.floating + len(self.joints))
-        if self.floating:
-            #: Centre of mass of the base, whose motion PyBullet tells, in the frame of the base link, whose motion q and dq tell.
-            _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, -1, physicsClientId=self._client)
-            self._base_centre = None if place == (0.0, 0.0, 0.0) and turn == (0.0, 0.0, 0.0, 1.0) else (place, turn)
-        self.set_state(self.q, self.dq)
-        if any(effect.remembers for effect, _ in actuators):
-            for (_, joint), hidden in zip(actuators, self._hidden, strict=True):
-                hidden.inertia = self._inertia_of(joint)
+                most[joint] += effect.friction(None, joint, None, None) / steps if rub else 0.0
+        if (any(rubs) and not self._rubbing) or self._rubbed:
+            self._rub(most)
+        self._rubbed = any(rubs)
+
+    def _tell_inertias(self) -> None:
+        for hidden, joint in self._remembering:
+            hidden.inertia = self._inertia_of(joint)
 
     def _load(self, text: bytes, model: Model, *, fixed: bool = False) -> int:
         try:
@@ -279,19 +316,47 @@ class World:
         if self.floating:
             self._put_base(q[:BASE_Q], dq[:BASE_DQ])
         # The gear acts on velocities alone and a rotor is round, so its angle may stay 0.
-        positions = [[value] for value in angles.tolist()] + [[0.0]] * len(self._rotor_of)
-        velocities = [[value] for value in speeds.tolist()] + [[ratio * speeds[joint]] for joint, ratio in self._rotor_of]
-        bullet.resetJointStatesMultiDof(self._body, self._state_index, positions, velocities, physicsClientId=self._client)
+        rotors = [ratio * speeds[joint] for joint, ratio in self._rotor_of]
+        self._put(self._body, self._state_index, angles.tolist() + [0.0] * len(rotors), speeds.tolist() + rotors)
         self._angles, self._speeds = angles, speeds
         if self._flywheels:
-            positions = [[self._angles[joint]] for joint in self._flywheels]
-            velocities = [[self._speeds[joint]] for joint in self._flywheels]
-            bullet.resetJointStatesMultiDof(self._wheel_body, self._wheels, positions, velocities, physicsClientId=self._client)
+            self._put(self._wheel_body, self._wheels, angles[self._flywheels].tolist(), speeds[self._flywheels].tolist())
         self.q, self.dq = q, dq
         for hidden in self._hidden:
             hidden.state = None
         if self._sensors:
             self._readings = [(q, dq)]
+
+    def displace(self, change: Array) -> None:
+        """Move the robot by `change` of its state, shape (2 nv,), along the tangent as `Layout.plus` has it.
+
+        All that q and dq do not tell stays as it is: what effects remember, the slip of rotors in their gears. A change of 0 changes nothing at all, where
+        `set_state` to the state of the moment would.
+        """
+        layout, client = self.layout, self._client
+        state = layout.plus(layout.state(self.q, self.dq), change)
+        q, dq = layout.q(state), layout.dq(state)
+        base = layout.nv - len(self.joints)
+        if self.floating:
+            self._put_base(q[:BASE_Q], dq[:BASE_DQ])
+        turned, faster = layout.dx(change)[base:], layout.ddx(change)[base:]
+        found = bullet.getJointStates(self._body, self._state_index, physicsClientId=client)
+        angles, speeds = ([one[which] for one in found] for which in (0, 1))
+        for joint in range(len(self.joints)):
+            angles[joint] += turned[joint]
+            speeds[joint] += faster[joint]
+        for rotor, (joint, ratio) in enumerate(self._rotor_of, len(self.joints)):
+            speeds[rotor] += ratio * faster[joint]
+        self._put(self._body, self._state_index, angles, speeds)
+        if self._flywheels:
+            found = bullet.getJointStates(self._wheel_body, self._wheels, physicsClientId=client)
+            angles = [one[0] + turned[joint] for one, joint in zip(found, self._flywheels, strict=True)]
+            self._put(self._wheel_body, self._wheels, angles, [one[1] + faster[joint] for one, joint in zip(found, self._flywheels, strict=True)])
+        self.q, self.dq = q, dq
+        self._angles, self._speeds = q[layout.nq - len(self.joints) :], dq[base:]
+
+    def _put(self, body: int, joints: list[int], angles: Sequence[float], speeds: Sequence[float]) -> None:
+        bullet.resetJointStatesMultiDof(body, joints, [[one] for one in angles], [[one] for one in speeds], physicsClientId=self._client)
 
     def step(self, command: Sequence[float]) -> None:
         """Advance one control step (`substeps` physics steps) under joint torques `command`, N m or N, held throughout; then read q and dq.
@@ -487,6 +552,10 @@ class World:
                 at = bullet.getLinkState(self._body, link, computeForwardKinematics=1, physicsClientId=self._client)[0]
             bullet.applyExternalForce(self._body, link, force.tolist(), at, bullet.WORLD_FRAME, physicsClientId=self._client)
 
+    def inertia_of(self, joint: str) -> float:
+        """What `joint` offers to a torque, kg m² (kg), at the coordinates of the moment."""
+        return self._inertia_of(self.joints.index(joint))
+
     def _inertia_of(self, joint: int) -> float:
         """What `joint` offers to a torque, kg m², at the coordinates of the moment."""
         if not self.floating:
@@ -534,6 +603,8 @@ class World:
         return bool(bullet.getContactPoints(bodyA=self._body, physicsClientId=self._client))
 
 
+#: Bullet's own residual at which its solver stops.
+_SOLVED = 1e-7
 #: Clients of worlds that are gone. A finalizer swallows what is raised in it, a Ctrl-C too: so it takes no time, and what does is done later.
 _dropped: list[int] = []
 

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -218,30 +219,76 @@ def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
 
 @app.command()
 def diagnose(
-    rig: Annotated[Path, typer.Option(help="What the simulator believes: a rig in YAML (docs/recordings.md).")],
-    recording: Annotated[list[str], typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")],
+    rig: Annotated[Path | None, typer.Option(help="What the simulator believes: a rig in YAML (docs/recordings.md).")] = None,
+    recording: Annotated[
+        list[str] | None, typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")
+    ] = None,
+    task: Annotated[str | None, typer.Option(help="In their place: a benchmark pair, whose target is to be found out. " + _TASK_HELP)] = None,
+    samples: Annotated[int, typer.Option(min=30, help="With --task: target transitions to draw, as any method draws them.")] = 1000,
+    noise: Annotated[float, typer.Option(min=0.0, help="With --task: noise of the sensors, as a share of each entry's spread, such as 0.01.")] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="With --task: repeats the draw.")] = 0,
+    transitions: Annotated[
+        Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
-    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions are judged, s.")] = 0.5,
+    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s.")] = 0.5,
     seconds: Annotated[
-        float, typer.Option(min=1.0, help="Time budget: about when it is up the best answer so far is given. Many joints or long recordings want more.")
-    ] = 75.0,
+        float | None,
+        typer.Option(
+            min=1.0, help="Time budget: about when it is up the best answer so far is given; 75 with recordings, 180 with --task. Many joints want more."
+        ),
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
 ) -> None:
     """Say where simulator and recordings disagree, what physics was left out, and how much better the simulator gets with it.
 
     Example: python -m mpge_bench diagnose --rig rig.yaml --recording 'train_*.csv' --out report/
 
+    Example: python -m mpge_bench diagnose --task broken_hopper --samples 1000
+
     Several recordings of different motion (fast and slow, with reversals and standstills, every joint moved) tell most. The corrected rig is a rig again:
-    `simulate` and `diagnose` take it.
+    `simulate` and `diagnose` take it. Of a pair the source is corrected: corrected.yaml is a pair again, which `run` and `diagnose` take.
     """
+    if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
+        raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")
+    if task is not None:
+        _diagnose_pair(task, samples, noise, seed, transitions, out, 180.0 if seconds is None else seconds, jobs, policies)
+        return
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.pipeline import diagnose_files
 
+    assert rig is not None
+    assert recording is not None
     with ConsoleProgress() as progress:
-        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
-    for line in found.summary:
+        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=75.0 if seconds is None else seconds, jobs=jobs, progress=progress)
+    _say(found.summary, out, "report.html (open it in a browser), diagnosis.json, corrected.yaml")
+
+
+def _diagnose_pair(
+    name: str, samples: int, noise: float, seed: int, transitions: Path | None, out: Path, seconds: float, jobs: int, policies: Path | None
+) -> None:
+    """`diagnose --task`."""
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.diagnosis.transitions import pipeline
+    from mpge_bench.diagnosis.transitions.episodes import read_transitions
+    from mpge_bench.policies import home
+    from mpge_bench.unmask import drawn
+
+    task = get_task(name)
+    known = None if transitions is None else read_transitions(transitions, task.robot)
+    with ConsoleProgress() as progress:
+        progress.stage("drawing transitions", 0)
+        target, own = drawn(task if known is None else task.undone(), samples if known is None else len(known), noise, seed, policies or home(name))
+        found = pipeline.unmask(task.robot, known or target, own, seconds=seconds, jobs=jobs, progress=progress)
+    pipeline.write(task, found, out)
+    _say(found.result.summary, out, "report.html (open it in a browser), diagnosis.json" + (", corrected.yaml" if found.effects else ""))
+
+
+def _say(lines: Sequence[str], out: Path, files: str) -> None:
+    for line in lines:
         _out.print(line, markup=False, soft_wrap=True)
-    _out.print(f"Written to {out}: report.html (open it in a browser), diagnosis.json, corrected.yaml", markup=False, soft_wrap=True)
+    _out.print(f"Written to {out}: {files}", markup=False, soft_wrap=True)
 
 
 @app.command()

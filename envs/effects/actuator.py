@@ -95,11 +95,16 @@ class Latency(_Late):
     through, that one is in force."""
 
     name = "latency"
+    sentence = "Commands reach the {target}'s controller {seconds} late."
     #: Before any servo.
     place = -10
 
     def _before(self, first: Any) -> Any:
         return first
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"seconds": periods * scale.servo_period} for periods in (0.5, 1.5, 3.0)] if scale.servo_period else []
 
 
 @dataclass(frozen=True)

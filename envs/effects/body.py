@@ -27,6 +27,7 @@ class MassScale(Effect):
     name = "mass_scale"
     sentence = "The {target} weighs {factor} times what the simulator believes."
     on = "link"
+    takes_all = True
     parameters = {"factor": Parameter("1", 0.05, 50.0, neutral=1.0)}
 
     def install(self, model: Model) -> None:
@@ -139,10 +140,20 @@ class AttachedMass(_PointMass):
     z: float = 0.0
 
     name = "attached_mass"
+    sentence = "The {target} carries {mass} more, at {x}, {y}, {z} of its frame."
+    contains = ("payload",)
+    asks_states = True
     parameters = {"mass": Parameter("kg", 0.0, 1e4)} | {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
 
     def _place(self, model: Model) -> npt.NDArray[np.float64]:
         return np.array((self.x, self.y, self.z))
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"mass": 0.1 * scale.mass}, *({"mass": 0.1 * scale.mass, axis: 0.5 * scale.length} for axis in "xyz")]
+
+    def is_plausible(self, scale: Scale) -> bool:
+        return self.mass < 10 * scale.mass and max(abs(self.x), abs(self.y), abs(self.z)) < 5 * scale.length
 
 
 @dataclass(frozen=True)
@@ -153,11 +164,17 @@ class LinkSize(Effect):
     radius: float = 1.0
 
     name = "link_size"
+    sentence = "The {target} is {length} times as long and {radius} times as thick as the simulator believes."
     on = "link"
+    asks_states = True
     parameters = {"length": Parameter("1", 0.05, 20.0, neutral=1.0), "radius": Parameter("1", 0.05, 20.0, neutral=1.0)}
 
     def install(self, model: Model) -> None:
         model.resize(self.target, self.length, self.radius)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"length": 1.05}, {"radius": 1.05}]
 
 
 @dataclass(frozen=True)
@@ -168,9 +185,19 @@ class ContactFriction(Effect):
     coefficient: float
 
     name = "contact_friction"
+    sentence = "The {target} rubs on the ground with a coefficient of friction of {coefficient}."
     on = "link"
+    takes_all = True
     parameters = {"coefficient": Parameter("1", 0.0, 10.0, neutral=math.inf)}
 
     def install(self, model: Model) -> None:
         for link in model.touching() if self.target == "*" else (self.target,):
             model.set_friction(link, self.coefficient)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"coefficient": share * scale.friction} for share in (0.6, 1.5)] if scale.friction else []
+
+    @classmethod
+    def absent(cls, scale: Scale) -> list[float]:
+        return [scale.friction]

@@ -80,6 +80,10 @@ class Scale:
         period: between rows, s.
         duration: of the shortest recording, s.
         gravity: nominal, m/s², shape (3,).
+        friction: coefficient of the link in contact; 0 where it touches nothing.
+        damping: of the joint as the model has it, N m s/rad.
+        rotor: inertia of the joint's rotor as the model has it, kg m².
+        servo_period: s, between commands to a servo; 0 where commands are torques.
     """
 
     torque: float
@@ -93,6 +97,10 @@ class Scale:
     period: float
     duration: float
     gravity: tuple[float, float, float]
+    friction: float = 0.0
+    damping: float = 0.0
+    rotor: float = 0.0
+    servo_period: float = 0.0
 
 
 class Hidden:
@@ -144,6 +152,10 @@ class Effect:
     swings: ClassVar[bool] = False
     #: True where it needs a motor: it says nothing of a passive joint.
     needs_motor: ClassVar[bool] = False
+    #: True where it is searched for from transitions of whole states alone: recordings of joints hardly tell its parameters apart, or have a twin of it.
+    asks_states: ClassVar[bool] = False
+    #: True where the target ``"*"`` stands for all links.
+    takes_all: ClassVar[bool] = False
     #: Place in the chain from the command (low) to the joint (high), for who lists effects without knowing their order.
     place: ClassVar[int] = 50
     #: What it is called at the head of a table, where that is not its name in the catalogue.
@@ -297,6 +309,12 @@ class Effect:
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         """Parameter values from which a search for this effect starts, where things are as large as `scale` says; none if it is not searched for."""
         return []
+
+    @classmethod
+    def absent(cls, scale: Scale) -> list[float] | None:
+        """The numbers of its parameters at which it changes nothing where things are as `scale` says; None where there are none."""
+        found = [parameter.neutral for parameter in cls.parameters.values() for _ in range(parameter.size or 0)]
+        return found if all(map(math.isfinite, found)) else None
 
     def is_plausible(self, scale: Scale) -> bool:
         """Whether the parameters are of a size that means something where things are as large as `scale` says; a fit may end at others, which mean nothing."""

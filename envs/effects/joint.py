@@ -212,12 +212,22 @@ class JointDamping(Effect):
     damping: float
 
     name = "joint_damping"
+    sentence = "The {target}'s damping is {damping}."
     on = "joint"
     parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4, neutral=math.inf)}
     steady = True
+    asks_states = True
 
     def install(self, model: Model) -> None:
         model.set_damping(self.target, self.damping)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"damping": share * scale.damping} for share in (0.6, 1.5)] if scale.damping else []
+
+    @classmethod
+    def absent(cls, scale: Scale) -> list[float]:
+        return [scale.damping]
 
 
 @dataclass(frozen=True)
@@ -227,12 +237,18 @@ class RotorScale(Effect):
     factor: float
 
     name = "rotor_scale"
+    sentence = "The {target}'s rotor has {factor} times the inertia that the simulator believes."
     on = "joint"
     parameters = {"factor": Parameter("1", 0.01, 100.0, neutral=1.0)}
     steady = True
+    asks_states = True
 
     def install(self, model: Model) -> None:
         model.scale_rotor(self.target, self.factor)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"factor": 1.2}] if scale.rotor else []
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,10 @@ class Gravity(Effect):
         model.gravity = self.vector
 
     @classmethod
+    def absent(cls, scale: Scale) -> list[float]:
+        return list(scale.gravity)
+
+    @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"vector": tuple(value + 0.3 * (axis == other) for other, value in enumerate(scale.gravity))} for axis in range(3)]
 

@@ -82,10 +82,14 @@ class Robot(ABC):
         """The robot's model, as the source has it."""
         return Model(self.model, floating=self.floating)
 
-    def world(self, effects: Sequence[Effect] = (), *, seen: bool = False) -> World:
-        """A world with this robot in it, changed by `effects`; `seen` says whether it is to be looked at."""
+    def chain(self, effects: Sequence[Effect]) -> list[Effect]:
+        """`effects` and the robot's own, in the order in which they act: the target's on the motor's command, then the robot's own springs."""
         servo = min((effect.place for effect in self.servos), default=None)
         early = [effect for effect in effects if servo is not None and effect.place < servo]
+        return [*early, *self.servos, *(effect for effect in effects if effect not in early), *self.nominal]
+
+    def world(self, effects: Sequence[Effect] = (), *, seen: bool = False) -> World:
+        """A world with this robot in it, changed by `effects`; `seen` says whether it is to be looked at."""
         return World(
             self.load(),
             timestep=self.timestep,
@@ -95,8 +99,7 @@ class Robot(ABC):
             armature=self.armature,
             iterations=self.iterations,
             loops=self.loops,
-            # The target's effects act on the motor's command; the robot's own springs come after.
-            effects=[*early, *self.servos, *(effect for effect in effects if effect not in early), *self.nominal],
+            effects=self.chain(effects),
             seen=seen,
         )
 

@@ -200,6 +200,44 @@ class VerdictSettings:
 
 
 @dataclass(frozen=True)
+class ReplaySettings:
+    """Of transitions of a robot of the benchmark (`mpge_bench.diagnosis.transitions`)."""
+
+    unseen: float = _setting(0.25, "share", "of the transitions, the last of each episode's, that neither fits nor choices look at")
+    settle: int = _setting(5, "rows", "after which what the simulator remembers (motors on springs, commands on their way) is nearly that of the target")
+    worst: float = _setting(1e3, "spreads of a step's change", "residuals are cut off at, lest a simulation that flies apart decide")
+    least_torque: float = _setting(1.0, "N m", "of a motor whose commands are angles: searches start from shares of it")
+    least_motion: float = _setting(1e-3, "rad, rad/s", "the same of angles and speeds")
+    least_length: float = _setting(0.05, "m", "the same of links")
+    screening: int = _setting(40_000, "rows", "predicted to look at all hypotheses once: a few dozen seconds")
+    fewest: int = _setting(60, "rows", "are looked at, however many hypotheses there are")
+    most_rows: int = _setting(250, "rows", "are looked at, however few")
+    stretch: int = _setting(20, "rows", "in a row, for what remembers")
+    fitted_rows: int = _setting(400, "rows", "that models are fitted to in the end")
+    checked: int = _setting(24, "hypotheses", "are looked at a second time, at the parameters that the first look proposes")
+    tried: int = _setting(10, "hypotheses", "are fitted in each round")
+    polished: int = _setting(3, "models", "of a round are fitted to the end")
+    iterations: int = _setting(6, "iterations", "of a draft")
+    iterations_polish: int = _setting(15, "iterations", "of a model that is followed up")
+    softness: float = _setting(2.0, "times the median", "residuals beyond count less in fits: contacts that come a step sooner or later")
+    shared: float = _setting(0.1, "share of all entries' median", "least scale of one entry's residuals, lest what fits already hold the rest")
+    exact_share: float = _setting(0.998, "share of the entries", "in which nothing but rounding is left where a model is exact")
+    exact: float = _setting(1e-6, "spreads of a step's change", "what is missed below this is rounding")
+    difference: float = _setting(1e-4, "share of a parameter", "for derivatives")
+    jump: float = _setting(20.0, "times what nine rows of ten do not exceed", "a slope beyond is that of a jump, such as a contact that comes a step sooner")
+    converged: float = _setting(1e-3, "share of the cost", "an iteration that gains less is the last")
+    material: float = _setting(0.01, "nats an entry", "an effect that explains less is not taken in")
+    equal: float = _setting(0.005, "nats an entry", "models that differ by less are told apart by how plain they are")
+    most: int = _setting(6, "hypotheses", "of a model, at most")
+    block: int = _setting(5, "rows", "neighbouring ones, whose noise is alike, count as one piece of evidence")
+    told: float = _setting(1e-8, "squared scales of what is missed", "a parameter that moves a row by less when it doubles is not told")
+    draws: int = _setting(999, "draws", "of the permutation test for any mismatch")
+    certain: float = _setting(1e-6, "probability", "what is said of a mismatch that shows without noise: the simulator repeats itself bit for bit")
+    at_nothing: float = _setting(1.2, "times", "what the source's own transitions leave, below which a mismatch counts as explained")
+    freedom: float = _setting(2.0, "degrees of freedom", "of the t distribution of residuals: contacts make far outliers")
+
+
+@dataclass(frozen=True)
 class DiagnosisSettings:
     """All of them, by stage."""
 
@@ -209,6 +247,7 @@ class DiagnosisSettings:
     fit: FitSettings = FitSettings()
     choose: ChooseSettings = ChooseSettings()
     verdict: VerdictSettings = VerdictSettings()
+    replay: ReplaySettings = ReplaySettings()
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain values by stage and name, as diagnosis.json holds them."""

@@ -38,6 +38,8 @@ def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
     """Every effect of the catalogue that is searched for, on everything in `rig` that it could act on."""
     found = []
     for name, kind in CATALOGUE.items():
+        if kind.asks_states:
+            continue
         for target in candidate_targets(rig, name):
             starts = _starts(rig, [kind(target, **start) for start in kind.starts(scales[carrier(rig, target)])])
             if starts:

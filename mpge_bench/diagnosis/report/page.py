@@ -43,7 +43,7 @@ def report_html(result: DiagnosisResult) -> str:
     joints = [finite_rows(joint) for joint in evidence.joints]
     joints.sort(key=lambda joint: -joint.share if math.isfinite(joint.share) else 0.0)
     blamed = {effect.target for effect in result.effects} | {place.name for place in result.where}
-    corrected = any(not np.array_equal(joint.before, joint.after) for joint in joints)
+    corrected = bool(result.effects) or any(not np.array_equal(joint.before, joint.after) for joint in joints)
     effects = effects_table(result.effects)
     fitted = {entry["key"]: values_text(entry["lines"]) for entry in effects}
     with matplotlib.rc_context(STYLE):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from mpge_bench.diagnosis.data.motion import resolution
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
-from mpge_bench.diagnosis.fit.screen import Screening
 from mpge_bench.diagnosis.settings import VerdictSettings
 from mpge_bench.diagnosis.verdict.intervals import Intervals
 from mpge_bench.diagnosis.verdict.result import Accuracy, MoreData, Place, Rival
@@ -72,7 +72,16 @@ def _said(rig: Rig, effect: Effect, bounds: Intervals) -> str:
     return effect.say(bounds, slide=slide) if own is None else effect.say_instead(own, bounds, slide=slide)
 
 
-def chance(test: Screening) -> str:
+class Tested(Protocol):
+    """A test of there being no mismatch: its p, and whether that is an upper bound."""
+
+    @property
+    def p_value(self) -> float: ...
+    @property
+    def is_bound(self) -> bool: ...
+
+
+def chance(test: Tested) -> str:
     """The test's p, for people."""
     return f"p < {test.p_value:.1g}" if test.is_bound else f"p = {test.p_value:.2g}"
 

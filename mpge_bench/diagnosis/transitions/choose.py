@@ -1,0 +1,173 @@
+"""Which hypotheses are the answer: one more in each round, as long as what is left takes fewer nats to write down; then none that is not needed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.twins import plainness
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.transitions.fit import Model, Rows, fitted, model_of
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.diagnosis.transitions.screen import Look, looked, looked_again
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was chosen, and what it was chosen from.
+
+    Attributes:
+        nominal, chosen: models, on the rows that models are fitted to.
+        models: all that were fitted to the end, the nominal among them.
+        equals: models that describe the transitions as well as `chosen`, which is plainer.
+        rows: that models are fitted to.
+        cut: stages that the time budget cut short.
+    """
+
+    nominal: Model
+    chosen: Model
+    models: tuple[Model, ...]
+    equals: tuple[Model, ...]
+    rows: Rows
+    cut: tuple[str, ...]
+
+
+@dataclass
+class Search:
+    """One search, and the models it has fitted so far."""
+
+    replay: Replay
+    hypotheses: Sequence[Hypothesis]
+    workers: Workers
+    clock: Clock
+    settings: ReplaySettings
+    advance: Callable[[int], None] = lambda steps: None
+    models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
+    cut: dict[str, None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        settings, episodes = self.settings, self.replay.episodes
+        starts = sum(len(one.starts) for one in self.hypotheses)
+        few = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
+        #: For looks and drafts: of all kinds of motion.
+        self.few = episodes.stretches(few, settings.stretch)
+        #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
+        self.rows = episodes.heads(settings.fitted_rows)
+
+    def answer(self) -> Answer:
+        """The whole search."""
+        nominal = self.add(model_of(self.replay, (), (), self.rows, self.settings))
+        chosen = nominal
+        while len(chosen.hypotheses) < self.settings.most and not chosen.is_exact(self.settings):
+            if self.late("looking for effects"):
+                break
+            richer = self.grown(chosen)
+            if richer is None or richer.description > chosen.description - self.settings.material:
+                break
+            chosen = richer
+        chosen = self.plainer(self.needed(chosen))
+        near = chosen.description + self.settings.equal
+        # What has the answer in it and more is no other answer.
+        equals = sorted((one for one in self.models.values() if one.hypotheses and one.description < near and not one.key >= chosen.key), key=_plainness)
+        return Answer(nominal, chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
+
+    def late(self, stage: str) -> bool:
+        if self.clock.late:
+            self.cut[stage] = None
+        return self.clock.late
+
+    def add(self, model: Model) -> Model:
+        _log.debug("%s %s: %.4g, %.3g", [one.label for one in model.hypotheses], model.values, model.description, model.missed)
+        known = self.models.get(model.key)
+        if known is None or model.description < known.description:
+            self.models[model.key] = model
+        return self.models[model.key]
+
+    def each(self, work: Callable[..., object], shared: tuple[object, ...], items: Sequence[object]) -> list[object]:
+        found = self.workers.each(work, (self.replay, *shared), items, self.clock.deadline)
+        if len(found) < len(items):
+            self.cut["fitting hypotheses"] = None
+        self.advance(len(found))
+        return found
+
+    def grown(self, model: Model) -> Model | None:
+        """The best model of one hypothesis more, fitted to the end."""
+        settings = self.settings
+        few = model_of(self.replay, model.hypotheses, model.values, self.few, settings)
+        options = [one for one in self.hypotheses if one.key not in model.key]
+        looks: list[Look] = self.each(looked, (few, self.few, settings), options)  # type: ignore[assignment]
+        looks = sorted(looks, key=lambda one: -one.gain)[: settings.checked]
+        again: list[Look] = self.each(looked_again, (few, self.few, settings), looks)  # type: ignore[assignment]
+        # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
+        again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
+        _log.debug("looks %s", [(one.hypothesis.label, round(one.gain, 3)) for one in again])
+        checked = {one.hypothesis.key for one in again}
+        looks = [*again, *[one for one in looks if one.hypothesis.key not in checked][: settings.tried // 2]]
+        drafts: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
+        drafts.sort(key=lambda one: one.description)
+        _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
+        best = drafts[0].description if drafts else 0.0
+        # Those that describe as well as the best are all its rivals, however many.
+        kept = [one for place, one in enumerate(drafts) if place < settings.polished or one.description < best + settings.equal]
+        ends: list[Model] = self.each(_polished, (self.rows, settings), kept)  # type: ignore[assignment]
+        for one in ends:
+            self.add(one)
+        if not ends:
+            return None
+        least = min(one.description for one in ends)
+        return min((one for one in ends if one.description < least + settings.equal), key=_plainness)
+
+    def needed(self, model: Model) -> Model:
+        """`model` without the hypotheses that it can do without."""
+        for one in sorted(model.hypotheses, key=lambda one: -one.size):
+            if len(model.hypotheses) < 2 or self.late("leaving out effects"):
+                break
+            rest = [(other, own) for other, own in zip(model.hypotheses, model.values, strict=True) if other is not one]
+            less = self.add(self.fitted(*zip(*rest, strict=True)))
+            if less.description < model.description + self.settings.material:
+                model = less
+        return model
+
+    def plainer(self, model: Model) -> Model:
+        """`model` with a plainer effect in the place of one that contains it or that it resembles, where that describes as well."""
+        for one in model.hypotheses:
+            for other in self.hypotheses:
+                if other.targets != one.targets or other.kind.name not in one.kind.plainer() or other.key in model.key or self.late("plainer effects"):
+                    continue
+                pairs = [(kept, own) for kept, own in zip(model.hypotheses, model.values, strict=True) if kept is not one]
+                tried = self.add(self.fitted(*zip(*[*pairs, (other, _start(other, model, one))], strict=True)))
+                if tried.description < model.description + self.settings.equal:
+                    return self.plainer(tried)
+        return model
+
+    def fitted(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
+        return fitted(self.replay, hypotheses, values, self.rows, self.settings, self.settings.iterations_polish)
+
+
+def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:
+    """Parameters of `other` from which to fit it in the place of `one`: those of the same name, else its own."""
+    values = dict(zip(one.kind.parameters, model.values[model.hypotheses.index(one)], strict=False))
+    first = other.starts[0]
+    names = {"torque": "coulomb"}
+    return [values.get(name, values.get(names.get(name, ""), getattr(first, name))) for name in other.kind.parameters]
+
+
+def _plainness(model: Model) -> tuple[int, int, list[tuple[bool, int, int, int]]]:
+    """Less of plainer models: fewer parameters, fewer hypotheses, commoner physics."""
+    return model.size, len(model.hypotheses), sorted(plainness(one.starts[0]) for one in model.hypotheses)
+
+
+def _drafted(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
+    return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations)
+
+
+def _polished(replay: Replay, rows: Rows, settings: ReplaySettings, draft: Model) -> Model:
+    return fitted(replay, draft.hypotheses, draft.values, rows, settings, settings.iterations_polish)

@@ -1,0 +1,122 @@
+"""Transitions of a robot, in the order in which they happened, checked before anything is concluded from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.robots import Robot
+
+Array = npt.NDArray[np.float64]
+#: What an NPZ file of transitions holds.
+FIELDS = ("observations", "actions", "next_observations")
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """n transitions of whole episodes, one after another.
+
+    Attributes:
+        observations: s, shape (n, observation size).
+        actions: a, shape (n, actuators).
+        next_observations: s', shape (n, observation size).
+    """
+
+    observations: Array
+    actions: Array
+    next_observations: Array
+
+    def __len__(self) -> int:
+        return len(self.observations)
+
+    @property
+    def follows(self) -> npt.NDArray[np.bool_]:
+        """Whether a transition begins where the one before ended, shape (n,)."""
+        found = np.zeros(len(self), bool)
+        found[1:] = (self.observations[1:] == self.next_observations[:-1]).all(1)
+        return found
+
+    @property
+    def scale(self) -> Array:
+        """Spread of each entry's change in a control step, shape (observation size,)."""
+        return np.asarray(np.maximum(np.std(self.next_observations - self.observations, axis=0), 1e-9))
+
+    @property
+    def places(self) -> npt.NDArray[np.int64]:
+        """How many transitions of its episode come before each, shape (n,)."""
+        begins = np.flatnonzero(~self.follows)
+        return np.arange(len(self)) - np.repeat(begins, np.diff(np.append(begins, len(self))))
+
+    @property
+    def lengths(self) -> npt.NDArray[np.int64]:
+        """Of each transition's episode, shape (n,)."""
+        begins = np.flatnonzero(~self.follows)
+        counts = np.diff(np.append(begins, len(self)))
+        return np.repeat(counts, counts)
+
+    def part(self, rows: npt.NDArray[np.bool_]) -> Episodes:
+        """The transitions marked in `rows`."""
+        return Episodes(self.observations[rows], self.actions[rows], self.next_observations[rows])
+
+    def heads(self, total: int) -> npt.NDArray[np.int64]:
+        """About `total` rows, the first ones of every episode, shape (rows,); all rows if there are no more."""
+        places = np.sort(self.places)
+        return np.flatnonzero(self.places <= places[min(total, len(self)) - 1])
+
+    def stretches(self, total: int, length: int) -> npt.NDArray[np.int64]:
+        """About `total` rows in stretches of `length`, evenly spread, shape (rows,); all rows if there are no more."""
+        count = max(1, total // length)
+        if total >= len(self):
+            return np.arange(len(self))
+        starts = np.linspace(0, len(self) - length, count).astype(int)
+        return np.unique(starts[:, None] + np.arange(length))
+
+
+def checked(found: Episodes, robot: Robot, where: str) -> Episodes:
+    """`found`, if it can be `robot`'s.
+
+    Raises:
+        UserError: if shapes do not fit, a number is not finite, or a state is none of the robot's (a quaternion that has no length).
+    """
+    size, actuators = robot.observation_size, len(robot.actuators)
+    shapes = {name: getattr(found, name).shape for name in FIELDS}
+    wanted = {"observations": size, "actions": actuators, "next_observations": size}
+    for name, shape in shapes.items():
+        if len(shape) != 2 or shape[1] != wanted[name]:
+            raise UserError(f"{where}: {name} has shape {shape}; the {robot.name} has {wanted[name]} columns there (are these another robot's?)")
+    if len({shape[0] for shape in shapes.values()}) != 1:
+        raise UserError(f"{where}: {', '.join(f'{name} has {shape[0]} rows' for name, shape in shapes.items())}; give as many of each")
+    for name in FIELDS:
+        wrong = np.argwhere(~np.isfinite(getattr(found, name)))
+        if len(wrong):
+            raise UserError(f"{where}: {name}, row {wrong[0][0]}, column {wrong[0][1]} is not finite; leave that transition out")
+    if robot.floating:
+        length = np.linalg.norm(found.observations[:, 1:5], axis=1)
+        wrong = np.argwhere(np.abs(length - 1) > 0.2)
+        if len(wrong):
+            row = wrong[0][0]
+            raise UserError(f"{where}: the quaternion (entries 1 to 4) of row {row} has length {length[row]:.3g}, not 1; are these another robot's?")
+    return replace(found, actions=np.clip(found.actions, -robot.action_limit, robot.action_limit))
+
+
+def read_transitions(path: Path, robot: Robot) -> Episodes:
+    """The transitions in an NPZ file with arrays `FIELDS`.
+
+    Raises:
+        UserError: if the file cannot be read or is not the robot's.
+    """
+    try:
+        with np.load(path) as data:
+            missing = [name for name in FIELDS if name not in data]
+            if missing:
+                raise UserError(f"{path}: has no array {', '.join(missing)}; transitions are {', '.join(FIELDS)}")
+            found = Episodes(*(np.asarray(data[name], float) for name in FIELDS))
+    except UserError:
+        raise
+    except Exception as error:  # numpy raises what it likes
+        raise UserError(f"{path}: not a readable NPZ file ({one_line(error, named=True)}); give one with arrays {', '.join(FIELDS)}") from error
+    return checked(found, robot, str(path))

@@ -1,0 +1,188 @@
+"""Robust least squares over the parameters of hypotheses, in the simulator itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Model:
+    """Hypotheses with fitted parameters.
+
+    Attributes:
+        values: of each hypothesis's parameters.
+        residuals: what it leaves, as `Replay.residuals` has it.
+        description: nats an entry of the residuals that it takes to write them down, its parameters included, up to a constant: the lower the better.
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    values: tuple[tuple[float, ...], ...]
+    residuals: Array
+    description: float
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        return effects_of(self.hypotheses, self.values)
+
+    @property
+    def key(self) -> frozenset[tuple[str, tuple[str, ...]]]:
+        return frozenset(one.key for one in self.hypotheses)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return sum(one.size for one in self.hypotheses)
+
+    @cached_property
+    def missed(self) -> float:
+        """Median size of the residuals."""
+        return float(np.median(np.abs(self.residuals)))
+
+    def is_exact(self, settings: ReplaySettings) -> bool:
+        """Whether nothing but rounding is left, but for a few entries."""
+        return float(np.quantile(np.abs(self.residuals), settings.exact_share)) < settings.exact
+
+
+def effects_of(hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> tuple[Effect, ...]:
+    """All effects of `hypotheses` with the parameters `values`, in order."""
+    return in_order([effect for one, own in zip(hypotheses, values, strict=True) for effect in one.effects(own)])
+
+
+def model_of(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
+    """The model of `hypotheses` with these `values`, as it is."""
+    residuals = replay.residuals(effects_of(hypotheses, values), rows)
+    size = sum(one.size for one in hypotheses)
+    plain = tuple(tuple(float(value) for value in own) for own in values)
+    return Model(tuple(hypotheses), plain, residuals, description(residuals, size, settings))
+
+
+def scales_of(residuals: Array, settings: ReplaySettings) -> Array:
+    """Robust scale of each entry's residuals, shape (entries,)."""
+    medians = np.median(np.abs(residuals), axis=0)
+    return np.asarray(np.maximum(np.maximum(medians, settings.shared * np.median(medians)), settings.exact))
+
+
+def description(residuals: Array, size: int, settings: ReplaySettings) -> float:
+    """Nats an entry that `residuals` take under a t distribution of each entry's own scale, and `size` parameters (Schwarz 1978)."""
+    freedom = settings.freedom
+    scale = np.maximum(1.2 * np.median(np.abs(residuals), axis=0), settings.exact)
+    nats = np.log(scale) + (freedom + 1) / 2 * np.log1p((residuals / scale) ** 2 / freedom)
+    return float(nats.mean() + size * np.log(residuals.size) / (2 * residuals.size))
+
+
+def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int) -> Model:
+    """`hypotheses` with the parameters that leave least, sought from `values` by Levenberg-Marquardt steps.
+
+    Each step lowers the sum of log(1 + (residual / scale)²), the scale being that of the residuals before it: as the fit gets better what is off counts less.
+    """
+    hypotheses, sizes = tuple(hypotheses), [one.size for one in hypotheses]
+    low, high = (np.concatenate([one.bounds[side] for one in hypotheses]) for side in (0, 1))
+    at = np.clip(np.concatenate([np.asarray(own, float) for own in values]), low, high)
+    unit = np.concatenate([_unit(one, own) for one, own in zip(hypotheses, values, strict=True)])
+
+    def parted(at: Array) -> list[Array]:
+        return np.split(at, np.cumsum(sizes)[:-1])
+
+    def left(at: Array) -> Array:
+        return replay.residuals(effects_of(hypotheses, [own.tolist() for own in parted(at)]), rows)
+
+    residuals, damping = left(at), 1e-3
+    for _ in range(iterations):
+        if float(np.max(np.abs(residuals))) < settings.exact**2:
+            break
+        scale = settings.softness * scales_of(residuals, settings)
+        weights = 1 / (scale**2 * (1 + (residuals / scale) ** 2))
+        slopes = _slopes(left, residuals, at, unit, low, high, settings.difference)
+        weights *= _smooth(slopes.reshape(len(at), *residuals.shape), settings)
+        slopes = slopes.reshape(len(at), -1)
+        gram, along = (slopes * weights.ravel()) @ slopes.T, (slopes * weights.ravel()) @ residuals.ravel()
+        cost, gained = _cost(residuals, scale), 0.0
+        for _ in range(4):
+            step = np.linalg.lstsq(gram + damping * np.diag(np.diagonal(gram) + 1e-300), along, rcond=1e-10)[0]
+            trial = np.clip(at + unit * step, low, high)
+            missed = left(trial)
+            gained = cost - _cost(missed, scale)
+            if gained > 0:
+                break
+            damping = max(10 * damping, 1e-3)
+        if gained <= 0:
+            break
+        at, residuals, damping = trial, missed, damping / 30
+        unit = np.maximum(np.abs(at), 0.1 * unit)
+        if gained < settings.converged * cost:
+            break
+    plain = tuple(tuple(own.tolist()) for own in parted(at))
+    return Model(hypotheses, plain, residuals, description(residuals, len(at), settings))
+
+
+def _cost(residuals: Array, scale: Array) -> float:
+    return float(np.log1p((residuals / scale) ** 2).sum())
+
+
+def _unit(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
+    """About how large each parameter is, or how far from where it changes nothing."""
+    sizes = np.abs(values) if hypothesis.absent is None else np.maximum(np.abs(values), np.abs(hypothesis.absent))
+    largest = float(sizes.max())
+    return np.asarray(np.where(sizes > 0, sizes, largest if largest > 0 else 1.0))
+
+
+def _smooth(slopes: Array, settings: ReplaySettings) -> Array:
+    """1 for rows in which the predictions answer in proportion, 0 for those in which they jump, as where a contact comes a step sooner; shape (rows, 1).
+
+    A jump over a small difference looks like an enormous slope.
+    """
+    size = np.abs(slopes)
+    usual = settings.jump * np.quantile(size, 0.9, axis=1, keepdims=True)
+    return np.asarray(np.all(size <= usual, axis=(0, 2)), float)[:, None]
+
+
+def _slopes(left: Callable[[Array], Array], residuals: Array, at: Array, unit: Array, low: Array, high: Array, difference: float) -> Array:
+    """Derivatives of the predictions by each parameter in `unit`, shape (parameters, rows, entries)."""
+    found = []
+    for index in range(len(at)):
+        moved = at.copy()
+        moved[index] += difference * unit[index] * (1 if at[index] + difference * unit[index] <= high[index] else -1)
+        found.append((residuals - left(moved)) / ((moved[index] - at[index]) / unit[index]))
+    return np.array(found)
+
+
+def standard_errors(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
+    """Of all parameters of `model`, shape (parameters,), from the spread of blocks of rows about the fit; infinite where the transitions do not tell.
+
+    The estimator is the sandwich of weighted least squares, blocks of neighbouring rows being the independent pieces of evidence (Liang and Zeger 1986).
+    """
+    if not model.size:
+        return np.zeros(0)
+    low, high = (np.concatenate([one.bounds[side] for one in model.hypotheses]) for side in (0, 1))
+    at = np.concatenate([np.asarray(own, float) for own in model.values])
+    unit = np.concatenate([_unit(one, own) for one, own in zip(model.hypotheses, model.values, strict=True)])
+    sizes = np.cumsum([one.size for one in model.hypotheses])[:-1]
+
+    def left(at: Array) -> Array:
+        return replay.residuals(effects_of(model.hypotheses, [own.tolist() for own in np.split(at, sizes)]), rows)
+
+    residuals = model.residuals
+    scale = settings.softness * scales_of(residuals, settings)
+    slopes = _slopes(left, residuals, at, unit, low, high, settings.difference)
+    weights = _smooth(slopes, settings) / (scale**2 * (1 + (residuals / scale) ** 2))
+    gram = np.einsum("are,bre,re->ab", slopes, slopes, weights)
+    told = np.diagonal(gram) > settings.told * len(rows)
+    block = np.arange(len(rows)) // settings.block
+    scores = np.zeros((block[-1] + 1, len(at)))
+    np.add.at(scores, block, np.einsum("are,re,re->ra", slopes, weights, residuals))
+    inverse = np.linalg.pinv(gram, rcond=1e-10)
+    covariance = inverse @ scores.T @ scores @ inverse
+    return np.where(told, np.sqrt(np.maximum(np.diagonal(covariance), 0)) * unit, np.inf)

@@ -1,0 +1,142 @@
+"""What might be missing in the source of a robot: every effect of the catalogue, on each thing it could act on and on all its like by the same amount."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.diagnosis.transitions.replay import environment
+from mpge_bench.envs.effects import CATALOGUE, Effect, Scale
+from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
+from mpge_bench.envs.model import Model
+from mpge_bench.envs.robots import Robot
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One kind of effect on one or several targets, the same parameters on all.
+
+    Attributes:
+        targets: in the robot's order.
+        starts: of one target, from which its parameters are sought.
+        absent: numbers of its parameters at which it changes nothing, if there are such.
+    """
+
+    targets: tuple[str, ...]
+    starts: tuple[Effect, ...]
+    absent: tuple[float, ...] | None
+
+    @property
+    def kind(self) -> type[Effect]:
+        return type(self.starts[0])
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """Tells it from others."""
+        return self.kind.name, self.targets
+
+    @property
+    def label(self) -> str:
+        """For people."""
+        return f"{self.kind.name}:{self.targets[0] if len(self.targets) == 1 else f'{len(self.targets)} alike'}"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(parameters_of(self.starts[0]))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Of the parameters, shapes (parameters,)."""
+        low, high = bounds_of(self.starts[0])
+        return np.array(low), np.array(high)
+
+    def effects(self, values: Sequence[float] | Array) -> list[Effect]:
+        """One effect a target, with these parameters."""
+        one = with_parameters(self.starts[0], [float(value) for value in values])
+        return [replace(one, target=target) for target in self.targets]
+
+
+def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """As they act, from the command to the joint."""
+    return tuple(sorted(effects, key=lambda one: one.place))
+
+
+def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> list[Hypothesis]:
+    """All that are looked for in transitions of `robot`."""
+    model, joints, links = robot.load(), tuple(robot.actuators), _links(robot)
+    scales = _scales(robot, model, episodes, settings)
+    found = []
+    for kind in CATALOGUE.values():
+        groups: dict[str, list[tuple[str, ...]]] = {"joint": _and_all(joints), "sensor": _and_all(joints), "link": [(one,) for one in links]}
+        if kind.on == "link" and len(links) > 1:
+            groups["link"].append(("*",) if kind.takes_all else links)
+        for targets in groups.get(kind.on, [("world",)]):
+            first = targets[0] if targets[0] in scales else joints[0] if targets[0] == "world" else links[0]
+            starts = tuple(dict.fromkeys(kind(targets[0], **start) for start in kind.starts(scales[first])))
+            if starts:
+                absent = kind.absent(scales[first])
+                found.append(Hypothesis(targets, starts, None if absent is None else tuple(absent)))
+    return found
+
+
+def _and_all(targets: Sequence[str]) -> list[tuple[str, ...]]:
+    """Each by itself, and all together where there are several."""
+    return [*((one,) for one in targets), *([tuple(targets)] if len(targets) > 1 else [])]
+
+
+def _links(robot: Robot) -> tuple[str, ...]:
+    model = robot.load()
+    return tuple(link for link in model.moving_links() if model.inertial(link)[0] > 0)
+
+
+def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySettings) -> dict[str, Scale]:
+    """How large things are at each joint and link."""
+    _, world = environment(robot, ())
+    layout = world.layout
+    states = np.array([layout.state(*robot.state(one)) for one in episodes.observations])
+    first = layout.nq - layout.joints
+    q, dq = layout.q(states)[:, first:], layout.dq(states)[:, layout.nv - layout.joints :]
+    commands = np.array([robot.command(action) for action in episodes.actions.tolist()])
+    own = dict(zip(robot.actuators, commands.T, strict=True)) if not robot.servos else {}
+    touching = model.touching() if robot.friction is not None else ()
+    lengths = int(np.diff(np.flatnonzero(np.append(~episodes.follows, True))).min())
+    losses = robot.load().take_losses()
+    found: dict[str, Scale] = {}
+    carried = {joint: [link for link in model.moving_links() if joint in model.carriers(link)] for joint in robot.joints}
+    for column, joint in enumerate(robot.joints):
+        torque = own.get(joint, np.full(1, settings.least_torque))
+        links = carried[joint]
+        mass, centre, _ = model.inertial(links[0]) if links else (1.0, np.full(3, 0.1), None)
+        found[joint] = Scale(
+            torque=max(float(np.sqrt(np.mean(torque**2))), settings.least_torque),
+            limit=max(float(np.abs(torque).max()), settings.least_torque),
+            speed=max(float(np.sqrt(np.mean(dq[:, column] ** 2))), settings.least_motion),
+            top_speed=max(float(np.abs(dq[:, column]).max()), settings.least_motion),
+            angle=max(float(np.std(q[:, column])), settings.least_motion),
+            inertia=world.inertia_of(joint),
+            mass=mass,
+            length=max(float(np.linalg.norm(centre)), settings.least_length),
+            period=robot.dt,
+            duration=max(lengths, 2) * robot.dt,
+            gravity=(0.0, 0.0, robot.gravity),
+            damping=losses.get(joint, (0.0, 0.0))[0],
+            rotor=robot.armature.get(joint, 0.0),
+            servo_period=robot.dt if robot.servos else 0.0,
+        )
+    for link in model.moving_links():
+        mass, centre, _ = model.inertial(link)
+        carriers = [joint for joint in model.carriers(link) if joint in found]
+        own_joint = found[carriers[0] if carriers else robot.joints[0]]
+        size = max(float(np.linalg.norm(centre)), settings.least_length)
+        found[link] = replace(own_joint, mass=mass, length=size, friction=model.friction(link) if link in touching else 0.0)
+    first_touching = [found[link].friction for link in _links(robot) if found[link].friction]
+    found["*"] = replace(found[_links(robot)[0]], friction=first_touching[0] if first_touching else 0.0)
+    return found

@@ -1,0 +1,112 @@
+"""From a benchmark pair, or a file of transitions, to a verdict: the stages in their order.
+
+episodes -> replay -> hypotheses -> evidence -> choose -> verdict -> report
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.pipeline import Progress
+from mpge_bench.diagnosis.report.page import report_html
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.diagnosis.transitions.choose import Answer, Search
+from mpge_bench.diagnosis.transitions.episodes import Episodes, checked
+from mpge_bench.diagnosis.transitions.evidence import tested
+from mpge_bench.diagnosis.transitions.fit import model_of
+from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.diagnosis.transitions.verdict import concluded
+from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.envs import Task, yaml12
+from mpge_bench.envs.compiled import begin_budget
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.robots import Robot
+from mpge_bench.files import write_text
+
+
+@dataclass(frozen=True)
+class Unmasked:
+    """What was found in transitions.
+
+    Attributes:
+        result: what is said.
+        effects: that turn the source into the target, as far as the transitions tell.
+    """
+
+    result: DiagnosisResult
+    effects: tuple[Effect, ...]
+
+
+def unmask(
+    robot: Robot,
+    target: Episodes,
+    own: Episodes,
+    *,
+    seconds: float | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    settings: DiagnosisSettings = DEFAULT,
+) -> Unmasked:
+    """What the target that made the transitions `target` has and the source of `robot` lacks.
+
+    Args:
+        own: transitions of the source, drawn by the same policies and read by the same sensors: what nothing looks like.
+        seconds: time budget; the best answer so far is given when it is up.
+        jobs: processes.
+
+    Raises:
+        UserError: if the transitions are not the robot's.
+    """
+    begun = begin_budget()
+    clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
+    found, replay = checked(target, robot, "transitions"), settings.replay
+    unseen = found.places >= np.ceil((1 - replay.unseen) * found.lengths)
+    whole, fitted = (Replay(robot, one, replay.settle, replay.worst) for one in (found, found.part(~unseen)))
+    options = hypotheses(robot, fitted.episodes, replay)
+    if progress:
+        progress.stage("fitting models", 0)
+    with Workers(jobs) as workers:
+        search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None)
+        nothing = Replay(robot, checked(own, robot, "the source's transitions"), replay.settle, replay.worst)
+        test = tested(fitted, nothing, options, search.few, workers, settings)
+        answer = search.answer() if test.is_mismatch else _nothing(search)
+    result = concluded(whole, unseen, answer, test, settings, clock)
+    return Unmasked(result, answer.chosen.effects if result.effects else ())
+
+
+def _nothing(search: Search) -> Answer:
+    nominal = model_of(search.replay, (), (), search.rows, search.settings)
+    return Answer(nominal, nominal, (nominal,), (), search.rows, ())
+
+
+def corrected_pair(task: Task, effects: tuple[Effect, ...]) -> dict[str, Any]:
+    """The content of a pair's YAML file whose target is the source of `task` with `effects`; `run --task` and `diagnose --task` take it."""
+    robot: Any = task.robot.name
+    address = Path(task.address)
+    if address.suffix in (".yaml", ".yml"):
+        robot = yaml12.load(address.read_text())["robot"]
+        if isinstance(robot, dict) and "model" in robot:
+            robot = {**robot, "model": str((address.parent / robot["model"]).resolve())}
+    name = f"{task.name}_corrected".replace("@", "_at_").replace(".", "_")
+    return {"name": name, "robot": robot, "summary": f"{task.name} as its diagnosis has it", "effects": [one.to_dict() for one in effects]}
+
+
+def write(task: Task, found: Unmasked, out: Path) -> None:
+    """diagnosis.json, report.html and, where an effect was found, corrected.yaml in `out`, each at once."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "report.html", report_html(found.result))
+    if found.effects:
+        write_text(out / "corrected.yaml", yaml.safe_dump(corrected_pair(task, found.effects), sort_keys=False))
+    else:
+        (out / "corrected.yaml").unlink(missing_ok=True)
+    write_text(out / "diagnosis.json", json.dumps(found.result.to_json(), indent=1))

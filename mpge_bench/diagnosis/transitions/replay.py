@@ -1,0 +1,98 @@
+"""Transitions as the simulator with any effects predicts them: taken along the episodes step by step, and put right after each.
+
+Only what the observations tell is put right. What they do not (motors on springs, commands on their way, slipping gears of rotors, cached contacts) goes on
+as the simulator has it, so that under the true effects every prediction is exact, whatever the target remembers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.predict.memory import Memory
+from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.env import RobotEnv
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.robots import Robot
+from mpge_bench.envs.world import World
+
+Array = npt.NDArray[np.float64]
+#: Environments by robot and by the effects that alter its model: to make one takes as long as hundreds of steps.
+_environments: Memory[tuple[object, ...], RobotEnv] = Memory(4)
+
+
+def environment(robot: Robot, effects: Sequence[Effect]) -> tuple[RobotEnv, World]:
+    """`robot` with `effects`, in a world that has been used before where one will do."""
+    bodies = tuple(effect for effect in effects if effect.alters_model)
+    found = _environments.get((robot, *bodies), lambda: RobotEnv(robot, bodies))
+    world = found.world
+    assert isinstance(world, World)
+    world.replace_effects(robot.chain(effects))
+    return found, world
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Episodes of `robot`, to be predicted.
+
+    Attributes:
+        settle: rows at the beginning of a stretch that starts within an episode, in which nobody knows what the simulator remembers.
+        worst: residuals are cut off at, in spreads of the change in a control step.
+    """
+
+    robot: Robot
+    episodes: Episodes
+    settle: int
+    worst: float
+
+    def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
+        """What the simulator with `effects` misses of the next observations, in spreads of their change in a control step.
+
+        Args:
+            rows: of transitions, rising.
+
+        Returns:
+            Recorded less predicted, shape (rows, observation size); 0 where a stretch has just begun within an episode, `worst` where the simulation or an
+            effect's installation fails.
+        """
+        try:
+            predicted, settled = self.predicted(effects, rows)
+        except UserError:
+            return np.full((len(rows), self.robot.observation_size), self.worst)
+        missed = (self.episodes.next_observations[rows] - predicted) / self.episodes.scale
+        missed = np.clip(np.nan_to_num(missed, nan=self.worst, posinf=self.worst, neginf=-self.worst), -self.worst, self.worst)
+        return np.where(settled[:, None], missed, 0.0)
+
+    def predicted(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64], every: int = 1) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """What the simulator with `effects` makes of the transitions `rows`, put right every so many steps of an episode.
+
+        Returns:
+            The next observations, shape (rows, observation size), and whether what the simulator remembers is known there, shape (rows,).
+
+        Raises:
+            UserError: if the simulation or an effect's installation fails.
+        """
+        robot, episodes = self.robot, self.episodes
+        env, world = environment(robot, effects)
+        layout = world.layout
+        follows, places = episodes.follows, episodes.places
+        predicted, settled = np.empty((len(rows), robot.observation_size)), np.ones(len(rows), bool)
+        at, unknown = -2, 0
+        for line, row in enumerate(rows.tolist()):
+            recorded, goes_on = episodes.observations[row], follows[row] and at == row - 1
+            if not goes_on or not np.isfinite(predicted[line - 1]).all():
+                world.set_state(*robot.state(recorded))
+                unknown = self.settle if follows[row] else 0
+            elif places[row] % every == 0 and not np.array_equal(predicted[line - 1], recorded):
+                here, there = (layout.state(*robot.state(one)) for one in (recorded, predicted[line - 1]))
+                world.displace(layout.minus(here, there))
+            settled[line] = unknown <= 0
+            unknown -= 1
+            world.step(env.commanded(episodes.actions[row].tolist()))
+            predicted[line] = robot.observation(*world.read())
+            at = row
+        return predicted, settled

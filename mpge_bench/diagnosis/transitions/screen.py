@@ -1,0 +1,84 @@
+"""A look at every hypothesis: how much of what a model leaves it could explain, and from which parameters a fit of it should start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.transitions.fit import Model, Rows, effects_of, scales_of
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.envs.effects.vector import parameters_of
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What it told.
+
+    Attributes:
+        gain: share of the robust cost that the hypothesis could take away, as far as the look says.
+        start: parameters from which to fit it.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    start: tuple[float, ...]
+
+
+def looked(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, hypothesis: Hypothesis) -> Look:
+    """At `hypothesis` beside `model`, whose residuals are those of `rows`: what each of its starts changes, and what their best sum would."""
+    residuals = model.residuals
+    scale = settings.softness * scales_of(residuals, settings)
+    weights = 1 / (scale * np.sqrt(1 + (residuals / scale) ** 2))
+    starts = [tuple(parameters_of(one)) for one in hypothesis.starts]
+    left = [replay.residuals(effects_of([*model.hypotheses, hypothesis], [*model.values, start]), rows) for start in starts]
+    costs = [_share(residuals, one, scale) for one in left]
+    best = int(np.argmax(costs))
+    found = Look(hypothesis, costs[best], starts[best])
+    if hypothesis.absent is None:
+        return found
+    columns = np.array([((residuals - one) * weights).ravel() for one in left])
+    own = (residuals * weights).ravel()
+    length = np.linalg.norm(columns, axis=1)
+    alive = length > 1e-9
+    if not alive.any():
+        return found
+    absent = np.array(hypothesis.absent)
+    moves = np.array(starts) - absent
+    options: list[tuple[float, Array]] = []
+    if len(starts) == len(absent):
+        shares = np.zeros(len(starts))
+        shares[alive] = np.linalg.lstsq((columns[alive] / length[alive, None]).T, own, rcond=1e-4)[0] / length[alive]
+        options.append((1 - float(((own - shares @ columns) ** 2).sum() / (own**2).sum()), absent + shares @ moves))
+    for column, move in zip(columns[alive], moves[alive], strict=True):
+        share = float(own @ column / (column @ column))
+        options.append((float((own @ column) ** 2 / (column @ column) / (own**2).sum()), absent + share * move))
+    gain, start = max(options, key=lambda one: one[0])
+    if gain <= found.gain:
+        return found
+    low, high = hypothesis.bounds
+    return Look(hypothesis, gain, tuple(np.clip(start, low, high).tolist()))
+
+
+def looked_again(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
+    """`look` with the gain that its start really brings, or that of the best of the hypothesis's own starts where that is more."""
+    scale = settings.softness * scales_of(model.residuals, settings)
+
+    def gain(start: Sequence[float]) -> float:
+        return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, look.hypothesis], [*model.values, start]), rows), scale)
+
+    starts = [look.start, *(tuple(parameters_of(one)) for one in look.hypothesis.starts)]
+    gains = [gain(start) for start in starts]
+    best = int(np.argmax(gains))
+    return Look(look.hypothesis, gains[best], starts[best])
+
+
+def _share(before: Array, after: Array, scale: Array) -> float:
+    cost = float(np.log1p((before / scale) ** 2).sum())
+    return 1 - float(np.log1p((after / scale) ** 2).sum()) / cost if cost > 0 else 0.0

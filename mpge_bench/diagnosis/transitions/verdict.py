@@ -1,0 +1,232 @@
+"""What is said of the answer: how sure it is, where the mismatch shows, and how much better transitions that nobody looked at are predicted."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.diagnosis.transitions.choose import Answer
+from mpge_bench.diagnosis.transitions.evidence import Test
+from mpge_bench.diagnosis.transitions.fit import Model, standard_errors
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.diagnosis.verdict.confusions import experiment
+from mpge_bench.diagnosis.verdict.intervals import Intervals
+from mpge_bench.diagnosis.verdict.result import Accuracy, Confusion, DiagnosisResult, Errors, Estimate, Evidence, FoundEffect, Place, Rival, Trajectory
+from mpge_bench.diagnosis.verdict.words import chance
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+#: Of errors: residuals are told in spreads of each entry's change in a control step.
+UNIT = "step spreads"
+
+
+def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, test: Test, settings: DiagnosisSettings, clock: Clock) -> DiagnosisResult:
+    """The verdict on `answer`, with all that it rests on.
+
+    Args:
+        replay: of all episodes.
+        unseen: which transitions nobody has looked at.
+    """
+    chosen = answer.chosen
+    before, after = (_missed(replay, model.effects, unseen) for model in (answer.nominal, chosen))
+    taken_back: tuple[str, ...] = ()
+    if chosen.hypotheses and _size(after) > _size(before):
+        taken_back = (f"{_label(chosen)} fits the other transitions, but predicts the held-out ones worse ({_size(after):.3g} against {_size(before):.3g}).",)
+        chosen, after = answer.nominal, before
+    exact = chosen.is_exact(settings.replay)
+    verdict = _verdict(chosen, test, exact)
+    fit = _accuracy(replay, before, after, None if exact else test.floor)
+    named = _intervals(replay, answer, chosen, settings)
+    where = _places(replay, answer.nominal) if verdict != "no_mismatch" else ()
+    rivals = _rivals(replay, answer, chosen, unseen, settings)
+    equals = tuple(
+        Confusion((_label(chosen), _label(one)), experiment(_keys(chosen), _keys(one))) for one in answer.equals[: settings.verdict.rivals] if one is not chosen
+    )
+    return DiagnosisResult(
+        verdict,
+        test.p_value,
+        where,
+        _found(chosen, named),
+        rivals,
+        equals,
+        fit,
+        not answer.cut,
+        (*_summary(verdict, test, named, chosen, fit, where, answer), *taken_back),
+        checks=_checks(replay, unseen),
+        about={
+            "fitted to": f"{len(answer.rows)} transitions, the first ones of each episode",
+            "held out": f"{int(unseen.sum())} transitions, the last ones of each episode",
+            "models fitted": str(len(answer.models)),
+            "intervals": "coverage not measured",
+            "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (f", cut short by the time budget: {', '.join(answer.cut)}" if answer.cut else ""),
+        },
+        settings=settings,
+        evidence=Evidence(trajectories=_trajectories(replay, chosen, unseen, settings)),
+        p_is_bound=test.is_bound,
+    )
+
+
+def _verdict(chosen: Model, test: Test, exact: bool) -> str:
+    if not test.is_mismatch:
+        return "no_mismatch"
+    if not chosen.hypotheses:
+        return "unexplained"
+    return "explained" if exact or chosen.missed <= test.explained else "partly_explained"
+
+
+def _missed(replay: Replay, effects: Sequence[Effect], unseen: npt.NDArray[np.bool_]) -> Array:
+    return replay.residuals(effects, np.arange(len(unseen)))[unseen]
+
+
+def _size(missed: Array) -> float:
+    """Typical size of residuals, whatever contacts make of a few."""
+    return float(np.mean(np.median(np.abs(missed), axis=0)))
+
+
+def _accuracy(replay: Replay, before: Array, after: Array, floor: float | None) -> Accuracy:
+    channels = {
+        name: Errors(float(np.median(np.abs(before[:, column]))), float(np.median(np.abs(after[:, column]))), None, UNIT)
+        for column, name in enumerate(replay.robot.observation_names)
+    }
+    return Accuracy(replay.robot.dt, Errors(_size(before), _size(after), floor, UNIT), channels)
+
+
+def _intervals(replay: Replay, answer: Answer, chosen: Model, settings: DiagnosisSettings) -> list[tuple[Hypothesis, Effect, Intervals]]:
+    """Each hypothesis's first effect, with the 95% interval of each number of its parameters."""
+    errors = standard_errors(replay, chosen, answer.rows, settings.replay)
+    found, at = [], 0
+    for one, values in zip(chosen.hypotheses, chosen.values, strict=True):
+        effect = one.effects(values)[0]
+        bounds: Intervals = {}
+        for name, parameter in effect.parameters.items():
+            value = getattr(effect, name)
+            pairs = []
+            for number in value if isinstance(value, tuple) else (value,):
+                half = float(settings.verdict.interval * errors[at])
+                told = math.isfinite(half)
+                pairs.append((max(parameter.low, number - half), min(parameter.high, number + half)) if told else (-math.inf, math.inf))
+                at += 1
+            bounds[name] = pairs
+        found.append((one, effect, bounds))
+    return found
+
+
+def _found(chosen: Model, named: Sequence[tuple[Hypothesis, Effect, Intervals]]) -> tuple[FoundEffect, ...]:
+    result = []
+    for one, effect, bounds in named:
+        estimates = {}
+        for name, parameter in effect.parameters.items():
+            low, high = (tuple(pair[side] for pair in bounds[name]) for side in (0, 1))
+            single = len(low) == 1
+            estimates[name] = Estimate(getattr(effect, name), parameter.unit, low[0] if single else low, high[0] if single else high)
+        result += [FoundEffect(effect.name, target, None, estimates) for target in one.targets]
+    return tuple(result)
+
+
+def _places(replay: Replay, nominal: Model) -> tuple[Place, ...]:
+    """The entries of the observation in which most is missed."""
+    sizes = np.median(np.abs(nominal.residuals), axis=0) ** 2
+    total = float(sizes.sum())
+    if total <= 0:
+        return ()
+    order = np.argsort(-sizes)[:3]
+    return tuple(
+        Place("entry", replay.robot.observation_names[index], round(float(sizes[index]) / total, 3), "of what a typical step misses") for index in order
+    )
+
+
+def _rivals(replay: Replay, answer: Answer, chosen: Model, unseen: npt.NDArray[np.bool_], settings: DiagnosisSettings) -> tuple[Rival, ...]:
+    others = sorted((one for one in answer.models if one.key != chosen.key), key=lambda one: one.description)
+    found = []
+    for one in others[: settings.verdict.rivals]:
+        behind = (one.description - chosen.description) * chosen.residuals.size
+        values = "; ".join(", ".join(f"{value:.4g}" for value in own) for own in one.values)
+        labels = tuple(hypothesis.label for hypothesis in one.hypotheses) or ("nothing",)
+        found.append(Rival(labels, _size(_missed(replay, one.effects, unseen)), behind, values))
+    return tuple(found)
+
+
+def _label(model: Model) -> str:
+    return " + ".join(one.label for one in model.hypotheses) or "nothing"
+
+
+def _keys(model: Model) -> frozenset[str]:
+    return frozenset(one.label for one in model.hypotheses)
+
+
+def said(one: Hypothesis, effect: Effect, bounds: Intervals) -> str:
+    """One plain line about a hypothesis, its other targets listed."""
+    line = effect.say(bounds)
+    return line if len(one.targets) == 1 else f"{line.removesuffix('.')}; and so, by the same amount, at {', '.join(one.targets[1:])}."
+
+
+def _summary(
+    verdict: str,
+    test: Test,
+    named: Sequence[tuple[Hypothesis, Effect, Intervals]],
+    chosen: Model,
+    fit: Accuracy,
+    where: Sequence[Place],
+    answer: Answer,
+) -> tuple[str, ...]:
+    held = fit.held_out
+    p = chance(test)
+    if verdict == "no_mismatch":
+        return (f"No mismatch: the source does what the target did ({p}).", test.said)
+    lines = [said(*one) for one in named]
+    if not named:
+        places = ", ".join(f"{one.name} ({100 * one.share:.0f}%)" for one in where)
+        lines.append(f"There is a mismatch ({p}), and no physics of the catalogue explains it. It shows in: {places}.")
+    else:
+        lines.append(f"Held-out prediction error, of one control step: from {held.before:.3g} to {held.after:.3g} {held.unit} (median).")
+    if verdict == "partly_explained":
+        lines.append("Named physics explains only part of it; see the report for what the rest shows in.")
+    if answer.equals:
+        alike = "; ".join(_label(one) for one in answer.equals[:3])
+        lines.append(f"These transitions cannot tell it from: {alike}.")
+    if answer.cut:
+        lines.append(f"The time budget cut short: {', '.join(answer.cut)}. This is the best answer so far.")
+    return tuple(lines)
+
+
+def _checks(replay: Replay, unseen: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+    episodes = replay.episodes
+    count = int((~episodes.follows).sum())
+    still = [name for name, scale in zip(replay.robot.observation_names, episodes.scale, strict=True) if scale <= 1e-9]
+    lines = [f"{len(episodes)} transitions of {replay.robot.dt:g} s in {count} episodes, {int(unseen.sum())} of them held out."]
+    if still:
+        lines.append(f"Never changed: {', '.join(still)}.")
+    return tuple(lines)
+
+
+def _trajectories(replay: Replay, chosen: Model, unseen: npt.NDArray[np.bool_], settings: DiagnosisSettings) -> tuple[Trajectory, ...]:
+    """The longest episode's held-out end, predicted several steps ahead by the source and by the corrected one, entries of most mismatch first."""
+    episodes, robot = replay.episodes, replay.robot
+    begin = int(np.flatnonzero(~episodes.follows)[np.argmax(episodes.lengths[~episodes.follows])])
+    rows = np.arange(begin, begin + int(episodes.lengths[begin]))
+    every = max(2, round(settings.predict.horizon / robot.dt / 5))
+    found = [replay.predicted(effects, rows, every)[0] for effects in ((), chosen.effects)]
+    shown = np.flatnonzero(unseen[rows])[: max(2, round(settings.verdict.shown / robot.dt))]
+    missed = np.median(np.abs(found[0] - episodes.next_observations[rows]) / episodes.scale, axis=0)
+    moments = np.asarray((episodes.places[rows] + 1) * robot.dt, np.float64)
+    restarts = moments[shown][episodes.places[rows][shown] % every == 0]
+    return tuple(
+        Trajectory(
+            "held-out end of the longest episode",
+            robot.observation_names[column],
+            "",
+            moments[shown],
+            episodes.next_observations[rows][shown, column],
+            found[0][shown, column],
+            found[1][shown, column],
+            restarts,
+        )
+        for column in np.argsort(-missed)[:6]
+    )

@@ -1,0 +1,59 @@
+"""Transitions of a pair's target, drawn as any method draws them, and of its source, for the diagnosis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mpge_bench import policies
+from mpge_bench.baselines.problem import Problem, Transitions, merge, with_noise
+from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.envs import RobotEnv, Task
+from mpge_bench.envs.errors import UserError
+from mpge_bench.record import random_actions
+
+
+def drawn(task: Task, samples: int, noise: float, seed: int, folder: Path = policies.FOLDER) -> tuple[Episodes, Episodes]:
+    """`samples` transitions of the target of `task` and as many of its source, from the shipped source policies in equal shares, by the metered door.
+
+    Where none are shipped, smooth random actions are taken instead.
+
+    Raises:
+        UserError: if there are fewer samples than policies.
+    """
+    try:
+        known = policies.load_set(task, "source", folder)
+    except UserError:
+        return _at_random(task, samples, noise, seed)
+    problem = Problem(task, known, samples, seed, noise)
+    target = problem.demonstrations(known)
+    return _episodes(target), _episodes(problem.measured(problem.source_transitions(known, samples, seed)))
+
+
+def _episodes(found: Transitions) -> Episodes:
+    return Episodes(found.observations, found.actions, found.next_observations)
+
+
+def _at_random(task: Task, samples: int, noise: float, seed: int) -> tuple[Episodes, Episodes]:
+    target, source = (_roll_out(make(), samples, seed + index) for index, make in enumerate((task.target, task.source)))
+    if not noise:
+        return _episodes(target), _episodes(source)
+    spread = noise * target.observations.std(0)
+    return _episodes(with_noise(target, spread, seed)), _episodes(with_noise(source, spread, seed + 1))
+
+
+def _roll_out(env: RobotEnv, samples: int, seed: int) -> Transitions:
+    robot, parts, left, rng = env.robot, [], samples, np.random.default_rng(seed)
+    while left > 0:
+        observation, _ = env.reset(seed=seed + left)
+        rows = []
+        for action in random_actions(robot, min(left, robot.episode_steps), rng):
+            reached, _, ended, _, _ = env.step(action)
+            rows.append((observation, action, reached))
+            observation = reached
+            if ended:
+                break
+        parts.append(Transitions(*(np.array(column) for column in zip(*rows, strict=True))))
+        left -= len(rows)
+    return merge(parts)
