@@ -15,9 +15,11 @@ from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.fit import Model, Rows, fitted, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
-from mpge_bench.diagnosis.transitions.screen import Look, looked, looked_again
+from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
 
 _log = logging.getLogger(__name__)
+#: More than any robot has links.
+_EVERYTHING = 1000
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class Search:
     advance: Callable[[int], None] = lambda steps: None
     models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
     cut: dict[str, None] = field(default_factory=dict)
+    columns: list[Columns] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         settings, episodes = self.settings, self.replay.episodes
@@ -69,15 +72,43 @@ class Search:
         while len(chosen.hypotheses) < self.settings.most and not chosen.is_exact(self.settings):
             if self.late("looking for effects"):
                 break
+            chosen = self.focused(chosen)
+            # Columns of a round before are a little off, and cost nothing; where they lead nowhere, new ones may.
+            fresh = not self.columns
             richer = self.grown(chosen)
-            if richer is None or richer.description > chosen.description - self.settings.material:
+            if not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
+                self.columns = []
+                richer = self.grown(chosen)
+            if richer is None or not self.is_better(richer, chosen):
                 break
             chosen = richer
         chosen = self.plainer(self.needed(chosen))
+        nominal = self.models[frozenset()]
         near = chosen.description + self.settings.equal
         # What has the answer in it and more is no other answer.
         equals = sorted((one for one in self.models.values() if one.hypotheses and one.description < near and not one.key >= chosen.key), key=_plainness)
         return Answer(nominal, chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
+
+    def focused(self, model: Model) -> Model:
+        """`model`, where it is exact but for some transitions judged on these, too: what acts seldom, as a limit does, shows nowhere else.
+
+        All models fitted before are forgotten then, since they were judged on others.
+        """
+        every, settings = np.arange(len(self.replay.episodes)), self.settings
+        if model.missed > settings.exact or len(self.rows) == len(every):
+            return model
+        missed = np.abs(self.replay.residuals(model.effects, every)).max(1) > settings.exact
+        if not missed.any():
+            return model
+        before = np.flatnonzero(missed)[:, None] - np.arange(settings.settle + 1)
+        shown = np.unique(np.maximum(before, 0))
+        self.few, self.rows, self.columns = shown[: settings.most_rows], np.union1d(self.rows, shown), []
+        self.models.clear()
+        self.add(model_of(self.replay, (), (), self.rows, settings))
+        return self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, settings))
+
+    def is_better(self, richer: Model | None, model: Model) -> bool:
+        return richer is not None and richer.description < model.description - self.settings.material
 
     def late(self, stage: str) -> bool:
         if self.clock.late:
@@ -102,8 +133,9 @@ class Search:
         """The best model of one hypothesis more, fitted to the end."""
         settings = self.settings
         few = model_of(self.replay, model.hypotheses, model.values, self.few, settings)
-        options = [one for one in self.hypotheses if one.key not in model.key]
-        looks: list[Look] = self.each(looked, (few, self.few, settings), options)  # type: ignore[assignment]
+        if not self.columns:
+            self.columns = self.each(columns_of, (few, self.few), self.hypotheses)  # type: ignore[assignment]
+        looks = [look(few, one, settings) for one in self.columns if one.hypothesis.key not in model.key]
         looks = sorted(looks, key=lambda one: -one.gain)[: settings.checked]
         again: list[Look] = self.each(looked_again, (few, self.few, settings), looks)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
@@ -114,7 +146,9 @@ class Search:
         drafts: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
         drafts.sort(key=lambda one: one.description)
         _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
-        best = drafts[0].description if drafts else 0.0
+        if not drafts or not self.is_better(drafts[0], few):
+            return None
+        best = drafts[0].description
         # Those that describe as well as the best are all its rivals, however many.
         kept = [one for place, one in enumerate(drafts) if place < settings.polished or one.description < best + settings.equal]
         ends: list[Model] = self.each(_polished, (self.rows, settings), kept)  # type: ignore[assignment]
@@ -160,9 +194,10 @@ def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:
     return [values.get(name, values.get(names.get(name, ""), getattr(first, name))) for name in other.kind.parameters]
 
 
-def _plainness(model: Model) -> tuple[int, int, list[tuple[bool, int, int, int]]]:
-    """Less of plainer models: fewer parameters, fewer hypotheses, commoner physics."""
-    return model.size, len(model.hypotheses), sorted(plainness(one.starts[0]) for one in model.hypotheses)
+def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, int]]]:
+    """Less of plainer models: fewer parameters, fewer hypotheses, fewer things acted on, commoner physics."""
+    acted_on = sum(_EVERYTHING if "*" in one.targets else len(one.targets) for one in model.hypotheses)
+    return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)
 
 
 def _drafted(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:

@@ -18,8 +18,22 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Columns:
+    """What each start of a hypothesis changes beside some model.
+
+    Attributes:
+        starts: parameters of each, shape (starts, parameters).
+        changes: of the residuals, shape (starts, rows, entries).
+    """
+
+    hypothesis: Hypothesis
+    starts: Array
+    changes: Array
+
+
+@dataclass(frozen=True)
 class Look:
-    """What it told.
+    """What a look told.
 
     Attributes:
         gain: share of the robust cost that the hypothesis could take away, as far as the look says.
@@ -31,26 +45,28 @@ class Look:
     start: tuple[float, ...]
 
 
-def looked(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, hypothesis: Hypothesis) -> Look:
-    """At `hypothesis` beside `model`, whose residuals are those of `rows`: what each of its starts changes, and what their best sum would."""
-    residuals = model.residuals
-    scale = settings.softness * scales_of(residuals, settings)
-    weights = 1 / (scale * np.sqrt(1 + (residuals / scale) ** 2))
+def columns_of(replay: Replay, model: Model, rows: Rows, hypothesis: Hypothesis) -> Columns:
+    """Those of `hypothesis` beside `model`, whose residuals are those of `rows`."""
     starts = [tuple(parameters_of(one)) for one in hypothesis.starts]
     left = [replay.residuals(effects_of([*model.hypotheses, hypothesis], [*model.values, start]), rows) for start in starts]
-    costs = [_share(residuals, one, scale) for one in left]
+    return Columns(hypothesis, np.array(starts), np.array([model.residuals - one for one in left]))
+
+
+def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
+    """What `known` could explain of the residuals of `model`: by the best of its starts or, in proportion, by their best sum."""
+    residuals, hypothesis, starts = model.residuals, known.hypothesis, known.starts
+    scale = _scale(residuals, settings)
+    weights = 1 / (scale * np.sqrt(1 + (residuals / scale) ** 2))
+    costs = [_share(residuals, residuals - change, scale) for change in known.changes]
     best = int(np.argmax(costs))
-    found = Look(hypothesis, costs[best], starts[best])
-    if hypothesis.absent is None:
-        return found
-    columns = np.array([((residuals - one) * weights).ravel() for one in left])
-    own = (residuals * weights).ravel()
+    found = Look(hypothesis, costs[best], tuple(starts[best].tolist()))
+    columns, own = (known.changes * weights).reshape(len(starts), -1), (residuals * weights).ravel()
     length = np.linalg.norm(columns, axis=1)
     alive = length > 1e-9
-    if not alive.any():
+    if hypothesis.absent is None or not alive.any():
         return found
     absent = np.array(hypothesis.absent)
-    moves = np.array(starts) - absent
+    moves = starts - absent
     options: list[tuple[float, Array]] = []
     if len(starts) == len(absent):
         shares = np.zeros(len(starts))
@@ -68,7 +84,7 @@ def looked(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, h
 
 def looked_again(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
     """`look` with the gain that its start really brings, or that of the best of the hypothesis's own starts where that is more."""
-    scale = settings.softness * scales_of(model.residuals, settings)
+    scale = _scale(model.residuals, settings)
 
     def gain(start: Sequence[float]) -> float:
         return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, look.hypothesis], [*model.values, start]), rows), scale)
@@ -77,6 +93,14 @@ def looked_again(replay: Replay, model: Model, rows: Rows, settings: ReplaySetti
     gains = [gain(start) for start in starts]
     best = int(np.argmax(gains))
     return Look(look.hypothesis, gains[best], starts[best])
+
+
+def _scale(residuals: Array, settings: ReplaySettings) -> Array:
+    """Beyond which residuals count less, shape (entries,): where most are but rounding, that of those that are not, as of a limit that is seldom reached."""
+    size = np.abs(residuals)
+    if float(np.median(size)) < settings.exact < float(size.max()):
+        return np.full(residuals.shape[1], settings.softness * float(np.median(size[size > settings.exact])))
+    return settings.softness * scales_of(residuals, settings)
 
 
 def _share(before: Array, after: Array, scale: Array) -> float:
