@@ -228,12 +228,12 @@ class ReplaySettings:
     converged: float = _setting(1e-3, "share of the cost", "an iteration that gains less is the last")
     material: float = _setting(0.01, "nats an entry", "an effect that explains less is not taken in")
     equal: float = _setting(0.005, "nats an entry", "models that differ by less are told apart by how plain they are")
+    near: float = _setting(3.0, "times", "what a draft may miss of what a model does, to have a chance in its place")
     most: int = _setting(6, "hypotheses", "of a model, at most")
     block: int = _setting(5, "rows", "neighbouring ones, whose noise is alike, count as one piece of evidence")
     told: float = _setting(1e-8, "squared scales of what is missed", "a parameter that moves a row by less when it doubles is not told")
     draws: int = _setting(999, "draws", "of the permutation test for any mismatch")
     certain: float = _setting(1e-6, "probability", "what is said of a mismatch that shows without noise: the simulator repeats itself bit for bit")
-    at_nothing: float = _setting(1.2, "times", "what the source's own transitions leave, below which a mismatch counts as explained")
     freedom: float = _setting(2.0, "degrees of freedom", "of the t distribution of residuals: contacts make far outliers")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pybullet as bullet
 import pytest
 
-from mpge_bench.envs import ROBOTS, RobotEnv
+from mpge_bench.envs import ROBOTS, RobotEnv, get_task
 from mpge_bench.envs.effects import (
     Armature,
     ComOffset,
@@ -711,3 +711,54 @@ def test_looking_changes_nothing() -> None:
                     assert env.render().shape == (300, 400, 3)
             motion.append(states)
         assert motion[0] == motion[1], name
+
+
+@pytest.mark.parametrize("name", ["rusty_hopper", "laggy_walker", "broken_cheetah", "late_minitaur", "lame_ant"])
+def test_a_world_whose_effects_are_replaced_moves_as_a_new_one(name: str) -> None:
+    """Bit for bit, and as before when they are taken away again."""
+    task = get_task(name)
+    robot = task.robot
+    used, new, source = robot.world(), robot.world(task.effects), robot.world()
+    command = [0.3 * (-1) ** joint for joint in range(len(used.joints))]
+    state = robot.initial_state(np.random.default_rng(0))
+
+    def moved(world: World) -> np.ndarray:
+        world.set_state(*state)
+        for _ in range(10):
+            world.step(command)
+        return np.concatenate((world.q, world.dq))
+
+    before = moved(used)
+    used.replace_effects(robot.chain(task.effects))
+    assert (moved(used) == moved(new)).all()
+    used.replace_effects(robot.chain(()))
+    assert (moved(used) == before).all()
+    assert (moved(source) == before).all()
+
+
+def test_effects_that_alter_the_model_are_not_replaced() -> None:
+    with pytest.raises(ValueError, match="a world of their own"):
+        get_task("heavy_hopper").robot.world().replace_effects([MassScale("torso", 2.0)])
+
+
+@pytest.mark.parametrize("name", ["hopper", "half_cheetah", "ant", "minitaur"])
+def test_a_displacement_moves_the_state_and_none_changes_nothing(name: str) -> None:
+    robot = ROBOTS[name]
+    world, still = robot.world(), robot.world()
+    for one in (world, still):
+        one.set_state(*robot.initial_state(np.random.default_rng(0)))
+        one.step([0.1] * len(one.joints))
+    layout, rng = world.layout, np.random.default_rng(1)
+    still.displace(np.zeros(2 * layout.nv))
+    assert (still.q == world.q).all()
+    for one in (world, still):
+        one.step([0.1] * len(one.joints))
+    np.testing.assert_allclose(layout.state(still.q, still.dq), layout.state(world.q, world.dq), atol=1e-9)
+    change = 1e-3 * rng.standard_normal(2 * layout.nv)
+    wanted = layout.plus(layout.state(world.q, world.dq), change)
+    world.displace(change)
+    np.testing.assert_allclose(layout.state(world.q, world.dq), wanted, atol=1e-12)
+    world.displace(-change)
+    world.step([0.1] * len(world.joints))
+    still.step([0.1] * len(still.joints))
+    np.testing.assert_allclose(world.q, still.q, atol=1e-6)

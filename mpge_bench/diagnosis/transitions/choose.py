@@ -82,7 +82,7 @@ class Search:
             if richer is None or not self.is_better(richer, chosen):
                 break
             chosen = richer
-        chosen = self.plainer(self.needed(chosen))
+        chosen = self.plainer(self.alone(self.needed(chosen)))
         nominal = self.models[frozenset()]
         near = chosen.description + self.settings.equal
         # What has the answer in it and more is no other answer.
@@ -168,6 +168,25 @@ class Search:
             less = self.add(self.fitted(*zip(*rest, strict=True)))
             if less.description < model.description + self.settings.material:
                 model = less
+        return model
+
+    def alone(self, model: Model) -> Model:
+        """`model` or, where one hypothesis on a target of its own describes as well as all of its several together, that one."""
+        if len(model.hypotheses) < 2:
+            return model
+        blamed = {target for one in model.hypotheses for target in one.targets}
+        few = model_of(self.replay, (), (), self.few, self.settings)
+        known = [look(few, one, self.settings) for one in self.columns if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
+        for one in sorted(known, key=lambda one: (one.hypothesis.size, -one.gain)):
+            if self.late("one effect in the place of several"):
+                break
+            draft = fitted(self.replay, (one.hypothesis,), (one.start,), self.few, self.settings, self.settings.iterations_polish)
+            # Only one that is as near has a chance.
+            if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
+                continue
+            tried = self.add(self.fitted(draft.hypotheses, draft.values))
+            if tried.description < model.description + self.settings.equal:
+                return tried
         return model
 
     def plainer(self, model: Model) -> Model:

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Test:
+class Comparison:
     """What that comparison tells.
 
     Attributes:
@@ -41,7 +41,7 @@ class Test:
     said: str
 
 
-def tested(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Test:
+def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
     Without noise what differs at all is a mismatch. With noise a permutation test: the score of each hypothesis (its effect's columns times what is missed) is
@@ -54,15 +54,15 @@ def tested(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: R
     if float(np.max(np.abs(of_own))) < replay.exact:
         differs = float(np.max(np.abs(missed))) > replay.exact
         line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else "and the target's.")
-        return Test(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
+        return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
     rows = [few, own.episodes.stretches(len(few), replay.stretch)]
     tests = [workers.each(_scores, (one, at, scale, replay), list(hypotheses)) for one, at in zip((target, own), rows, strict=True)]
     scores = [np.array(one).transpose(1, 0) for one in tests]
     p, bound = _permuted(scores[0], scores[1], replay.draws)
-    explained = replay.at_nothing * floor
+    explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
-    return Test(p, bound, p < settings.choose.significance, floor, explained, line)
+    return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
 
 
 def _scores(replay: Replay, rows: Rows, scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> Array:

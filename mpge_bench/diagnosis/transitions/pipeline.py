@@ -21,7 +21,7 @@ from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer, Search
 from mpge_bench.diagnosis.transitions.episodes import Episodes, checked
-from mpge_bench.diagnosis.transitions.evidence import tested
+from mpge_bench.diagnosis.transitions.evidence import compared
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
@@ -78,7 +78,7 @@ def unmask(
     with Workers(jobs) as workers:
         search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None)
         nothing = Replay(robot, checked(own, robot, "the source's transitions"), replay.settle, replay.worst)
-        test = tested(fitted, nothing, options, search.few, workers, settings)
+        test = compared(fitted, nothing, options, search.few, workers, settings)
         answer = search.answer() if test.is_mismatch else _nothing(search)
     result = concluded(whole, unseen, answer, test, settings, clock)
     return Unmasked(result, answer.chosen.effects if result.effects else ())

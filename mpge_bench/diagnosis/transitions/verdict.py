@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer
-from mpge_bench.diagnosis.transitions.evidence import Test
+from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Model, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
@@ -27,7 +27,7 @@ Array = npt.NDArray[np.float64]
 UNIT = "step spreads"
 
 
-def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, test: Test, settings: DiagnosisSettings, clock: Clock) -> DiagnosisResult:
+def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, test: Comparison, settings: DiagnosisSettings, clock: Clock) -> DiagnosisResult:
     """The verdict on `answer`, with all that it rests on.
 
     Args:
@@ -73,7 +73,7 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
     )
 
 
-def _verdict(chosen: Model, test: Test, exact: bool) -> str:
+def _verdict(chosen: Model, test: Comparison, exact: bool) -> str:
     if not test.is_mismatch:
         return "no_mismatch"
     if not chosen.hypotheses:
@@ -169,7 +169,7 @@ def said(one: Hypothesis, effect: Effect, bounds: Intervals) -> str:
 
 def _summary(
     verdict: str,
-    test: Test,
+    test: Comparison,
     named: Sequence[tuple[Hypothesis, Effect, Intervals]],
     chosen: Model,
     fit: Accuracy,

@@ -1,0 +1,96 @@
+"""What `diagnose --task` says of the benchmark's own pairs: effect, target and parameters beside the registry's, and seconds.
+
+    python benchmarks/unmask.py run --out OUT [--noise 0.01] [--nothing] [PAIR ...]
+    python benchmarks/unmask.py table OUT
+
+`run` writes one JSON a pair, keeps what is there, and takes all pairs that differ by effects where none is named; `--nothing` holds sources against themselves.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from mpge_bench.diagnosis.transitions.pipeline import unmask
+from mpge_bench.envs import get_task
+from mpge_bench.envs.tasks import TASKS
+from mpge_bench.files import write_text
+from mpge_bench.unmask import drawn
+
+app = typer.Typer(add_completion=False, help=__doc__)
+
+
+@app.command()
+def run(
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    pairs: Annotated[list[str] | None, typer.Argument()] = None,
+    noise: Annotated[float, typer.Option(help="Share of each entry's spread.")] = 0.0,
+    samples: int = 1000,
+    seed: int = 0,
+    seconds: float = 180.0,
+    jobs: int = os.cpu_count() or 1,
+    nothing: Annotated[bool, typer.Option("--nothing", help="The source in the place of the target.")] = False,
+) -> None:
+    """Diagnose pairs, one after another."""
+    out.mkdir(parents=True, exist_ok=True)
+    for name in pairs or [name for name, task in TASKS.items() if task.effects]:
+        path = out / f"{name}_{'nothing' if nothing else 'target'}_{noise:g}_{seed}.json"
+        if path.exists():
+            continue
+        task, begun = get_task(name), time.monotonic()
+        target, own = drawn(task.undone() if nothing else task, samples, noise, seed)
+        found = unmask(task.robot, target, own, seconds=seconds, jobs=jobs)
+        data = {
+            "pair": name,
+            "nothing": nothing,
+            "noise": noise,
+            "samples": samples,
+            "seed": seed,
+            "jobs": jobs,
+            "seconds": round(time.monotonic() - begun, 1),
+            "truth": [] if nothing else [effect.to_dict() for effect in task.effects],
+            "found": [effect.to_dict() for effect in found.effects],
+            "diagnosis": found.result.to_json(),
+        }
+        write_text(path, json.dumps(data, indent=1))
+
+
+@app.command()
+def table(out: Path) -> None:
+    """Print what `run` has written."""
+    shown = Table("pair", "noise", "verdict", "truth", "found", "s")
+    for path in sorted(out.glob("*.json")):
+        data = json.loads(path.read_text())
+        shown.add_row(
+            data["pair"] + (" (source)" if data["nothing"] else ""),
+            f"{data['noise']:g}",
+            data["diagnosis"]["verdict"],
+            _said(data["truth"]),
+            _said(data["found"]),
+            f"{data['seconds']:.0f}",
+        )
+    Console(width=200).print(shown)
+
+
+def _said(effects: list[dict[str, Any]]) -> str:
+    """Alike effects once."""
+    kinds: dict[str, list[str]] = {}
+    for one in effects:
+        values = {
+            name: [round(number, 4) for number in value] if isinstance(value, list) else round(value, 4)
+            for name, value in one.items()
+            if name not in ("effect", "target")
+        }
+        kinds.setdefault(f"{one['effect']} {values}", []).append(one["target"])
+    return "; ".join(f"{', '.join(targets)}: {kind}" for kind, targets in kinds.items()) or "nothing"
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,108 @@
+"""The search on transitions: what is hidden in a pair is found, exactly, and nothing where there is nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mpge_bench.cli import app
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions import pipeline
+from mpge_bench.diagnosis.transitions.choose import Search
+from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.fit import standard_errors
+from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.envs import Task, get_task
+from mpge_bench.unmask import drawn
+
+#: Fewer rows, so that tests take seconds.
+QUICK = dataclasses.replace(DEFAULT, replay=dataclasses.replace(DEFAULT.replay, screening=8_000, fitted_rows=110))
+
+
+def unmask(task: Task, noise: float = 0.0, samples: int = 150) -> pipeline.Unmasked:
+    return pipeline.unmask(task.robot, *drawn(task, samples, noise, 1), settings=QUICK)
+
+
+def test_every_joint_and_link_is_looked_at_alone_and_with_its_like() -> None:
+    task = get_task("broken_hopper")
+    found = hypotheses(task.robot, drawn(task, 60, 0.0, 1)[0], DEFAULT.replay)
+    keys = {one.key for one in found}
+    assert ("delay", ("thigh_joint",)) in keys
+    assert ("delay", tuple(task.robot.actuators)) in keys
+    assert ("mass_scale", ("*",)) in keys
+    assert ("contact_friction", ("foot",)) in keys
+    assert len(keys) == len(found)
+    gravity = next(one for one in found if one.key == ("gravity", ("world",)))
+    assert gravity.absent == (0.0, 0.0, -9.81)
+
+
+def test_a_heavy_pole_is_found_to_the_last_digit() -> None:
+    task = get_task("heavy_pendulum@2")
+    found = unmask(task)
+    assert found.result.verdict == "explained"
+    (effect,) = found.effects
+    assert (effect.name, effect.target) == ("mass_scale", "pole")
+    assert effect.factor == pytest.approx(task.effects[0].factor, rel=1e-6)  # type: ignore[attr-defined]
+    assert found.result.fit.held_out.after is not None
+    assert found.result.fit.held_out.after < 1e-6
+    assert DiagnosisResult.from_json(found.result.to_json()).effects == found.result.effects
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_source_held_against_itself_is_no_mismatch(noise: float) -> None:
+    found = unmask(get_task("biased_pendulum").undone(), noise)
+    assert found.result.verdict == "no_mismatch"
+    assert found.effects == ()
+
+
+def test_with_noise_a_weak_motor_is_found_to_within_5_percent() -> None:
+    """One hypothesis of each kind on one joint is enough here: the whole catalogue takes minutes."""
+    task, settings = get_task("broken_hopper@0.5"), DEFAULT.replay
+    target, own = drawn(task, 300, 0.01, 1)
+    found, nothing = (Replay(task.robot, one, settings.settle, settings.worst) for one in (target, own))
+    options = [one for one in hypotheses(task.robot, target, settings) if one.key[1] == ("thigh_joint",) and one.kind.maps_command]
+    with Workers(1) as workers:
+        search = Search(found, options, workers, Clock(0.0, math.inf), settings)
+        test = compared(found, nothing, options, search.few, workers, DEFAULT)
+        answer = search.answer()
+    assert test.is_mismatch
+    (effect,) = answer.chosen.effects
+    assert effect.name == "torque_gain"
+    half = DEFAULT.verdict.interval * standard_errors(found, answer.chosen, answer.rows, settings)[0]
+    assert 0.0 < half < 0.05
+    assert effect.gain == pytest.approx(0.5, rel=0.05)  # type: ignore[attr-defined]
+
+
+def test_the_command_says_what_was_changed_and_writes_a_pair_that_can_be_run(tmp_path: Path) -> None:
+    out = tmp_path / "report"
+    call = ["diagnose", "--task", "heavy_pendulum@2", "--samples", "150", "--seconds", "60", "--jobs", "1", "--out", str(out)]
+    result = CliRunner().invoke(app, call)
+    assert result.exit_code == 0, result.output
+    assert "The pole weighs 2 times what the simulator believes." in result.output.replace("\n", " ").replace(" (2 to 2)", "")
+    corrected = get_task(str(out / "corrected.yaml"))
+    assert corrected.robot is get_task("heavy_pendulum").robot
+    assert "Mismatch explained" in (out / "report.html").read_text()
+
+
+def test_transitions_of_ones_own_are_taken(tmp_path: Path) -> None:
+    target, _ = drawn(get_task("heavy_pendulum@2").undone(), 100, 0.0, 3)
+    np.savez(tmp_path / "own.npz", **vars(target))
+    call = ["diagnose", "--task", "heavy_pendulum", "--transitions", str(tmp_path / "own.npz"), "--jobs", "1", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, call)
+    assert result.exit_code == 0, result.output
+    assert "No mismatch" in result.output
+
+
+@pytest.mark.parametrize("given", [[], ["--task", "biased_pendulum", "--rig", "rig.yaml"], ["--rig", "rig.yaml"]])
+def test_either_a_rig_or_a_task_is_given(given: list[str]) -> None:
+    result = CliRunner().invoke(app, ["diagnose", *given])
+    assert "diagnose takes either --rig and --recording, or --task" in str(result.exception)

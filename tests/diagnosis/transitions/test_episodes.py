@@ -1,0 +1,90 @@
+"""What is taken for transitions of a robot, and how it is cut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.transitions.episodes import FIELDS, Episodes, checked, read_transitions
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.robots import ROBOTS
+
+HOPPER, ANT = ROBOTS["hopper"], ROBOTS["ant"]
+
+
+def episodes(lengths: tuple[int, ...] = (5, 3, 8), size: int = 11, actuators: int = 3) -> Episodes:
+    """Random ones of these lengths."""
+    rng = np.random.default_rng(0)
+    walks = [rng.normal(size=(length + 1, size)) for length in lengths]
+    befores, afters = (np.concatenate([walk[part] for walk in walks]) for part in (slice(None, -1), slice(1, None)))
+    return Episodes(befores, rng.uniform(-2, 2, (sum(lengths), actuators)), afters)
+
+
+def test_episodes_are_told_by_where_they_begin() -> None:
+    found = episodes()
+    assert np.flatnonzero(~found.follows).tolist() == [0, 5, 8]
+    assert found.places.tolist() == [0, 1, 2, 3, 4, 0, 1, 2, 0, 1, 2, 3, 4, 5, 6, 7]
+    assert found.lengths.tolist() == [5] * 5 + [3] * 3 + [8] * 8
+
+
+def test_heads_are_the_first_rows_of_every_episode() -> None:
+    found = episodes()
+    assert found.heads(6).tolist() == [0, 1, 5, 6, 8, 9]
+    assert found.heads(100).tolist() == list(range(16))
+
+
+def test_stretches_lie_in_a_row_and_are_spread_over_all() -> None:
+    rows = episodes((100,)).stretches(40, 10)
+    assert len(rows) == 40
+    assert rows[0] == 0
+    assert rows[-1] == 99
+    assert episodes().stretches(100, 10).tolist() == list(range(16))
+
+
+def test_a_part_keeps_what_follows_what() -> None:
+    found = episodes()
+    assert found.part(found.places < 2).follows.tolist() == [False, True] * 3
+
+
+def test_actions_beyond_the_limit_are_cut_off_as_the_robot_does() -> None:
+    assert np.abs(checked(episodes(), HOPPER, "x").actions).max() == HOPPER.action_limit
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("actions", np.zeros((16, 6)), r"actions has shape \(16, 6\); the hopper has 3 columns"),
+        ("next_observations", np.zeros((15, 11)), "next_observations has 15 rows"),
+        ("observations", np.full((16, 11), np.nan), "observations, row 0, column 0 is not finite"),
+    ],
+)
+def test_what_is_not_the_robots_is_refused(field: str, value: np.ndarray, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        checked(replace(episodes(), **{field: value}), HOPPER, "file.npz")
+
+
+def test_quaternions_that_are_none_are_refused() -> None:
+    found = episodes(size=27, actuators=8)
+    found.observations[:, 1:5] = (1, 0, 0, 0)
+    checked(found, ANT, "file.npz")
+    found.observations[3, 1:5] *= 2
+    with pytest.raises(UserError, match=r"file\.npz: the quaternion .* of row 3 has length 2, not 1"):
+        checked(found, ANT, "file.npz")
+
+
+def test_files_are_read(tmp_path: Path) -> None:
+    found = episodes()
+    np.savez(tmp_path / "own.npz", **{name: getattr(found, name) for name in FIELDS})
+    read = read_transitions(tmp_path / "own.npz", HOPPER)
+    assert (read.next_observations == found.next_observations).all()
+
+
+def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"none\.npz: not a readable NPZ file"):
+        read_transitions(tmp_path / "none.npz", HOPPER)
+    np.savez(tmp_path / "half.npz", observations=np.zeros((3, 11)))
+    with pytest.raises(UserError, match=r"half\.npz: has no array actions, next_observations"):
+        read_transitions(tmp_path / "half.npz", HOPPER)
