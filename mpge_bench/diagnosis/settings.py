@@ -217,7 +217,7 @@ class ReplaySettings:
     checked: int = _setting(24, "hypotheses", "are looked at a second time, at the parameters that the first look proposes")
     tried: int = _setting(10, "hypotheses", "are fitted in each round")
     polished: int = _setting(3, "models", "of a round are fitted to the end")
-    iterations: int = _setting(6, "iterations", "of a draft")
+    iterations: int = _setting(6, "iterations", "of a draft: enough to see which come near")
     iterations_polish: int = _setting(15, "iterations", "of a model that is followed up")
     softness: float = _setting(2.0, "times the median", "residuals beyond count less in fits: contacts that come a step sooner or later")
     shared: float = _setting(0.1, "share of all entries' median", "least scale of one entry's residuals, lest what fits already hold the rest")
