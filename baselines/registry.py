@@ -25,6 +25,7 @@ ADDRESSES = {
     "mpg": "mpge_bench.baselines.mpg:MPG",
     "mpge": "mpge_bench.baselines.mpge:MPGE",
     "inversion": "mpge_bench.baselines.inversion:Inversion",
+    "diagnose": "mpge_bench.repair:Repair",
     "darc": "mpge_bench.baselines.darc:DARC",
     "finetune": "mpge_bench.baselines.finetune:FineTune",
     "scratch": "mpge_bench.baselines.multipolar:Scratch",

@@ -73,6 +73,8 @@ def table(out: Annotated[Path, typer.Option(help="Where the answers are.")] = Pa
 def changed(settings: DiagnosisSettings) -> Iterator[tuple[str, str, float, DiagnosisSettings]]:
     """Stage, constant and factor, and the settings with that one changed; numbers of things stay whole and at least 1."""
     for stage in dataclasses.fields(settings):
+        if stage.name == "replay":  # of transitions: recordings know nothing of them
+            continue
         group = getattr(settings, stage.name)
         for constant in dataclasses.fields(group):
             value = getattr(group, constant.name)

@@ -28,19 +28,20 @@ def drawn(task: Task, samples: int, noise: float, seed: int, folder: Path = poli
         return _at_random(task, samples, noise, seed)
     problem = Problem(task, known, samples, seed, noise)
     target = problem.demonstrations(known)
-    return _episodes(target), _episodes(problem.measured(problem.source_transitions(known, samples, seed)))
+    return episodes_of(target), episodes_of(problem.measured(problem.source_transitions(known, samples, seed)))
 
 
-def _episodes(found: Transitions) -> Episodes:
+def episodes_of(found: Transitions) -> Episodes:
+    """The same, as the diagnosis takes them."""
     return Episodes(found.observations, found.actions, found.next_observations)
 
 
 def _at_random(task: Task, samples: int, noise: float, seed: int) -> tuple[Episodes, Episodes]:
     target, source = (_roll_out(make(), samples, seed + index) for index, make in enumerate((task.target, task.source)))
     if not noise:
-        return _episodes(target), _episodes(source)
+        return episodes_of(target), episodes_of(source)
     spread = noise * target.observations.std(0)
-    return _episodes(with_noise(target, spread, seed)), _episodes(with_noise(source, spread, seed + 1))
+    return episodes_of(with_noise(target, spread, seed)), episodes_of(with_noise(source, spread, seed + 1))
 
 
 def _roll_out(env: RobotEnv, samples: int, seed: int) -> Transitions:
