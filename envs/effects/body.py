@@ -196,7 +196,7 @@ class ContactFriction(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"coefficient": share * scale.friction} for share in (0.6, 1.5)] if scale.friction else []
+        return [{"coefficient": share * scale.friction} for share in (0.25, 0.6, 1.5)] if scale.friction else []
 
     @classmethod
     def absent(cls, scale: Scale) -> list[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -163,7 +164,7 @@ def _keys(model: Model) -> frozenset[str]:
 
 def said(one: Hypothesis, effect: Effect, bounds: Intervals) -> str:
     """One plain line about a hypothesis, its other targets listed."""
-    line = effect.say(bounds)
+    line = (replace(effect, target="robot (every link)") if effect.target == "*" else effect).say(bounds)
     return line if len(one.targets) == 1 else f"{line.removesuffix('.')}; and so, by the same amount, at {', '.join(one.targets[1:])}."
 
 
