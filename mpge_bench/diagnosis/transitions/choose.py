@@ -207,10 +207,8 @@ class Search:
 
 def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:
     """Parameters of `other` from which to fit it in the place of `one`: those of the same name, else its own."""
-    values = dict(zip(one.kind.parameters, model.values[model.hypotheses.index(one)], strict=False))
-    first = other.starts[0]
-    names = {"torque": "coulomb"}
-    return [values.get(name, values.get(names.get(name, ""), getattr(first, name))) for name in other.kind.parameters]
+    values, first = dict(zip(one.kind.parameters, model.values[model.hypotheses.index(one)], strict=False)), other.starts[0]
+    return [values.get(name, getattr(first, name)) for name in other.kind.parameters]
 
 
 def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, int]]]:
