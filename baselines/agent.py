@@ -67,6 +67,17 @@ class AgentSettings(PPOSettings):
 
 
 @dataclass(frozen=True)
+class AgentAlone:
+    """Hyperparameters of a method that has none but its agent's.
+
+    Attributes:
+        agent: as of every method that learns one.
+    """
+
+    agent: AgentSettings
+
+
+@dataclass(frozen=True)
 class Learnt:
     """A policy that was chosen.
 

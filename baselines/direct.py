@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-from mpge_bench.baselines.agent import AgentSettings, train_transfer
+from mpge_bench.baselines.agent import AgentAlone, train_transfer
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import tensors
 from mpge_bench.baselines.presets import NoSettings
@@ -32,27 +31,16 @@ class TargetOptimal(Direct):
     policies = "target"
 
 
-@dataclass(frozen=True)
-class PerfectSettings:
-    """Hyperparameters of the control.
-
-    Attributes:
-        agent: as of every method that learns one.
-    """
-
-    agent: AgentSettings
-
-
 class Perfect(Method):
     """Learns in the true target what all methods learn in their grounded sources: what it does not reach, no grounding is to blame for."""
 
     summary = "the agent of all methods, learnt in the true target (control)"
     access = frozenset({"target"})
-    settings = PerfectSettings
+    settings = AgentAlone
     preset = "perfect"
     at_target = True
 
-    def train(self, problem: Problem, settings: PerfectSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+    def train(self, problem: Problem, settings: AgentAlone, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         policy, steps = train_transfer(problem, None, settings.agent, seed, progress, log_dir / "agent", jobs, "agent in the target")
         return Result(policy, steps={"agent": steps}, seconds={"agent": time.monotonic() - begun})

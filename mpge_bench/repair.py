@@ -5,27 +5,15 @@ from __future__ import annotations
 import copy
 import functools
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-from mpge_bench.baselines.agent import AgentSettings, train_transfer
+from mpge_bench.baselines.agent import AgentAlone, train_transfer
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
 from mpge_bench.diagnosis.transitions.pipeline import unmask
 from mpge_bench.envs import RobotEnv
-from mpge_bench.unmask import episodes_of
-
-
-@dataclass(frozen=True)
-class RepairSettings:
-    """Hyperparameters of grounding by repair.
-
-    Attributes:
-        agent: as of every method that learns one.
-    """
-
-    agent: AgentSettings
+from mpge_bench.unmask import drawn_of
 
 
 class Repair(Method):
@@ -38,15 +26,13 @@ class Repair(Method):
     summary = "diagnoses what physics the source lacks, puts it in, and learns there (ours)"
     citation = "mpge_bench"
     access = frozenset({"transitions", "resets", "physics", "noise"})
-    settings = RepairSettings
+    settings = AgentAlone
     preset = "diagnose"
 
-    def train(self, problem: Problem, settings: RepairSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+    def train(self, problem: Problem, settings: AgentAlone, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
-        target = episodes_of(problem.demonstrations(problem.rollouts))
-        own = episodes_of(problem.measured(problem.source_transitions(problem.rollouts, problem.budget, seed)))
         # No time budget: what is found must not depend on how fast the machine is.
-        found = unmask(problem.robot, target, own, jobs=jobs, progress=progress)
+        found = unmask(problem.robot, *drawn_of(problem, seed), jobs=jobs, progress=progress)
         repaired, grounded = copy.copy(problem), time.monotonic()
         repaired.source = functools.partial(RobotEnv, problem.robot, found.effects)
         policy, steps = train_transfer(repaired, None, settings.agent, seed, progress, log_dir / "agent", jobs, "agent in the repaired source")

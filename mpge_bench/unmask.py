@@ -26,22 +26,29 @@ def drawn(task: Task, samples: int, noise: float, seed: int, folder: Path = poli
         known = policies.load_set(task, "source", folder)
     except UserError:
         return _at_random(task, samples, noise, seed)
-    problem = Problem(task, known, samples, seed, noise)
-    target = problem.demonstrations(known)
-    return episodes_of(target), episodes_of(problem.measured(problem.source_transitions(known, samples, seed)))
+    return drawn_of(Problem(task, known, samples, seed, noise), seed)
 
 
-def episodes_of(found: Transitions) -> Episodes:
-    """The same, as the diagnosis takes them."""
+def drawn_of(problem: Problem, seed: int) -> tuple[Episodes, Episodes]:
+    """All target transitions that `problem` has to give, and as many of its source, drawn by the same policies and measured alike.
+
+    Raises:
+        UserError: if there are fewer than policies.
+    """
+    target = problem.demonstrations(problem.rollouts)
+    return _episodes(target), _episodes(problem.measured(problem.source_transitions(problem.rollouts, problem.budget, seed)))
+
+
+def _episodes(found: Transitions) -> Episodes:
     return Episodes(found.observations, found.actions, found.next_observations)
 
 
 def _at_random(task: Task, samples: int, noise: float, seed: int) -> tuple[Episodes, Episodes]:
     target, source = (_roll_out(make(), samples, seed + index) for index, make in enumerate((task.target, task.source)))
     if not noise:
-        return episodes_of(target), episodes_of(source)
+        return _episodes(target), _episodes(source)
     spread = noise * target.observations.std(0)
-    return episodes_of(with_noise(target, spread, seed)), episodes_of(with_noise(source, spread, seed + 1))
+    return _episodes(with_noise(target, spread, seed)), _episodes(with_noise(source, spread, seed + 1))
 
 
 def _roll_out(env: RobotEnv, samples: int, seed: int) -> Transitions:

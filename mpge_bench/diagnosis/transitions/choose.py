@@ -67,8 +67,7 @@ class Search:
 
     def answer(self) -> Answer:
         """The whole search."""
-        nominal = self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        chosen = nominal
+        chosen = self.add(model_of(self.replay, (), (), self.rows, self.settings))
         while len(chosen.hypotheses) < self.settings.most and not chosen.is_exact(self.settings):
             if self.late("looking for effects"):
                 break
@@ -83,11 +82,10 @@ class Search:
                 break
             chosen = richer
         chosen = self.plainer(self.alone(self.needed(chosen)))
-        nominal = self.models[frozenset()]
         near = chosen.description + self.settings.equal
         # What has the answer in it and more is no other answer.
         equals = sorted((one for one in self.models.values() if one.hypotheses and one.description < near and not one.key >= chosen.key), key=_plainness)
-        return Answer(nominal, chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
+        return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
 
     def focused(self, model: Model) -> Model:
         """`model`, where it is exact but for some transitions judged on these, too: what acts seldom, as a limit does, shows nowhere else.

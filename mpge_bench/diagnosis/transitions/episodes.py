@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -33,30 +34,37 @@ class Episodes:
     def __len__(self) -> int:
         return len(self.observations)
 
-    @property
+    @cached_property
     def follows(self) -> npt.NDArray[np.bool_]:
         """Whether a transition begins where the one before ended, shape (n,)."""
         found = np.zeros(len(self), bool)
         found[1:] = (self.observations[1:] == self.next_observations[:-1]).all(1)
         return found
 
-    @property
+    @cached_property
     def scale(self) -> Array:
         """Spread of each entry's change in a control step, shape (observation size,)."""
         return np.asarray(np.maximum(np.std(self.next_observations - self.observations, axis=0), 1e-9))
 
-    @property
+    @cached_property
+    def begins(self) -> npt.NDArray[np.int64]:
+        """First transitions of the episodes, shape (episodes,)."""
+        return np.flatnonzero(~self.follows)
+
+    @cached_property
+    def counts(self) -> npt.NDArray[np.int64]:
+        """Transitions of each episode, shape (episodes,)."""
+        return np.diff(np.append(self.begins, len(self)))
+
+    @cached_property
     def places(self) -> npt.NDArray[np.int64]:
         """How many transitions of its episode come before each, shape (n,)."""
-        begins = np.flatnonzero(~self.follows)
-        return np.arange(len(self)) - np.repeat(begins, np.diff(np.append(begins, len(self))))
+        return np.arange(len(self)) - np.repeat(self.begins, self.counts)
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:
         """Of each transition's episode, shape (n,)."""
-        begins = np.flatnonzero(~self.follows)
-        counts = np.diff(np.append(begins, len(self)))
-        return np.repeat(counts, counts)
+        return np.repeat(self.counts, self.counts)
 
     def part(self, rows: npt.NDArray[np.bool_]) -> Episodes:
         """The transitions marked in `rows`."""

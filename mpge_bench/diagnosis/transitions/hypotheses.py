@@ -71,7 +71,8 @@ def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> list[Hypothesis]:
     """All that are looked for in transitions of `robot`."""
-    model, joints, links = robot.load(), tuple(robot.actuators), _links(robot)
+    model, joints = robot.load(), tuple(robot.actuators)
+    links = _links(model)
     scales = _scales(robot, model, episodes, settings)
     found = []
     for kind in CATALOGUE.values():
@@ -92,8 +93,7 @@ def _and_all(targets: Sequence[str]) -> list[tuple[str, ...]]:
     return [*((one,) for one in targets), *([tuple(targets)] if len(targets) > 1 else [])]
 
 
-def _links(robot: Robot) -> tuple[str, ...]:
-    model = robot.load()
+def _links(model: Model) -> tuple[str, ...]:
     return tuple(link for link in model.moving_links() if model.inertial(link)[0] > 0)
 
 
@@ -107,7 +107,7 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
     commands = np.array([robot.command(action) for action in episodes.actions.tolist()])
     own = dict(zip(robot.actuators, commands.T, strict=True)) if not robot.servos else {}
     touching = model.touching() if robot.friction is not None else ()
-    lengths = int(np.diff(np.flatnonzero(np.append(~episodes.follows, True))).min())
+    shortest = int(episodes.counts.min())
     losses = robot.load().take_losses()
     found: dict[str, Scale] = {}
     carried = {joint: [link for link in model.moving_links() if joint in model.carriers(link)] for joint in robot.joints}
@@ -125,7 +125,7 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
             mass=mass,
             length=max(float(np.linalg.norm(centre)), settings.least_length),
             period=robot.dt,
-            duration=max(lengths, 2) * robot.dt,
+            duration=max(shortest, 2) * robot.dt,
             gravity=(0.0, 0.0, robot.gravity),
             damping=losses.get(joint, (0.0, 0.0))[0],
             rotor=robot.armature.get(joint, 0.0),
@@ -137,6 +137,6 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
         own_joint = found[carriers[0] if carriers else robot.joints[0]]
         size = max(float(np.linalg.norm(centre)), settings.least_length)
         found[link] = replace(own_joint, mass=mass, length=size, friction=model.friction(link) if link in touching else 0.0)
-    first_touching = [found[link].friction for link in _links(robot) if found[link].friction]
-    found["*"] = replace(found[_links(robot)[0]], friction=first_touching[0] if first_touching else 0.0)
+    first_touching = [found[link].friction for link in _links(model) if found[link].friction]
+    found["*"] = replace(found[_links(model)[0]], friction=first_touching[0] if first_touching else 0.0)
     return found

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
+import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.transitions.fit import Model, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.confusions import experiment
-from mpge_bench.diagnosis.verdict.intervals import Intervals
+from mpge_bench.diagnosis.verdict.intervals import Intervals, each_bounded
 from mpge_bench.diagnosis.verdict.result import Accuracy, Confusion, DiagnosisResult, Errors, Estimate, Evidence, FoundEffect, Place, Rival, Trajectory
 from mpge_bench.diagnosis.verdict.words import chance
 from mpge_bench.envs.effects import Effect
@@ -36,7 +36,8 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
         unseen: which transitions nobody has looked at.
     """
     chosen = answer.chosen
-    before, after = (_missed(replay, model.effects, unseen) for model in (answer.nominal, chosen))
+    missed = functools.cache(lambda effects: replay.residuals(effects, np.arange(len(unseen)))[unseen])
+    before, after = (missed(model.effects) for model in (answer.nominal, chosen))
     taken_back: tuple[str, ...] = ()
     if chosen.hypotheses and _size(after) > _size(before):
         taken_back = (f"{_label(chosen)} fits the other transitions, but predicts the held-out ones worse ({_size(after):.3g} against {_size(before):.3g}).",)
@@ -46,7 +47,7 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
     fit = _accuracy(replay, before, after, None if exact else test.floor)
     named = _intervals(replay, answer, chosen, settings)
     where = _places(replay, answer.nominal) if verdict != "no_mismatch" else ()
-    rivals = _rivals(replay, answer, chosen, unseen, settings)
+    rivals = _rivals(missed, answer, chosen, settings)
     equals = tuple(
         Confusion((_label(chosen), _label(one)), experiment(_keys(chosen), _keys(one))) for one in answer.equals[: settings.verdict.rivals] if one is not chosen
     )
@@ -82,10 +83,6 @@ def _verdict(chosen: Model, test: Comparison, exact: bool) -> str:
     return "explained" if exact or chosen.missed <= test.explained else "partly_explained"
 
 
-def _missed(replay: Replay, effects: Sequence[Effect], unseen: npt.NDArray[np.bool_]) -> Array:
-    return replay.residuals(effects, np.arange(len(unseen)))[unseen]
-
-
 def _size(missed: Array) -> float:
     """Typical size of residuals, whatever contacts make of a few."""
     return float(np.mean(np.median(np.abs(missed), axis=0)))
@@ -101,22 +98,9 @@ def _accuracy(replay: Replay, before: Array, after: Array, floor: float | None) 
 
 def _intervals(replay: Replay, answer: Answer, chosen: Model, settings: DiagnosisSettings) -> list[tuple[Hypothesis, Effect, Intervals]]:
     """Each hypothesis's first effect, with the 95% interval of each number of its parameters."""
-    errors = standard_errors(replay, chosen, answer.rows, settings.replay)
-    found, at = [], 0
-    for one, values in zip(chosen.hypotheses, chosen.values, strict=True):
-        effect = one.effects(values)[0]
-        bounds: Intervals = {}
-        for name, parameter in effect.parameters.items():
-            value = getattr(effect, name)
-            pairs = []
-            for number in value if isinstance(value, tuple) else (value,):
-                half = float(settings.verdict.interval * errors[at])
-                told = math.isfinite(half)
-                pairs.append((max(parameter.low, number - half), min(parameter.high, number + half)) if told else (-math.inf, math.inf))
-                at += 1
-            bounds[name] = pairs
-        found.append((one, effect, bounds))
-    return found
+    halves = settings.verdict.interval * standard_errors(replay, chosen, answer.rows, settings.replay)
+    firsts = [one.effects(values)[0] for one, values in zip(chosen.hypotheses, chosen.values, strict=True)]
+    return [(one, *bounded) for one, bounded in zip(chosen.hypotheses, each_bounded(firsts, halves), strict=True)]
 
 
 def _found(chosen: Model, named: Sequence[tuple[Hypothesis, Effect, Intervals]]) -> tuple[FoundEffect, ...]:
@@ -143,14 +127,14 @@ def _places(replay: Replay, nominal: Model) -> tuple[Place, ...]:
     )
 
 
-def _rivals(replay: Replay, answer: Answer, chosen: Model, unseen: npt.NDArray[np.bool_], settings: DiagnosisSettings) -> tuple[Rival, ...]:
+def _rivals(missed: Callable[[tuple[Effect, ...]], Array], answer: Answer, chosen: Model, settings: DiagnosisSettings) -> tuple[Rival, ...]:
     others = sorted((one for one in answer.models if one.key != chosen.key), key=lambda one: one.description)
     found = []
     for one in others[: settings.verdict.rivals]:
         behind = (one.description - chosen.description) * chosen.residuals.size
         values = "; ".join(", ".join(f"{value:.4g}" for value in own) for own in one.values)
         labels = tuple(hypothesis.label for hypothesis in one.hypotheses) or ("nothing",)
-        found.append(Rival(labels, _size(_missed(replay, one.effects, unseen)), behind, values))
+        found.append(Rival(labels, _size(missed(one.effects)), behind, values))
     return tuple(found)
 
 
@@ -199,9 +183,8 @@ def _summary(
 
 def _checks(replay: Replay, unseen: npt.NDArray[np.bool_]) -> tuple[str, ...]:
     episodes = replay.episodes
-    count = int((~episodes.follows).sum())
     still = [name for name, scale in zip(replay.robot.observation_names, episodes.scale, strict=True) if scale <= 1e-9]
-    lines = [f"{len(episodes)} transitions of {replay.robot.dt:g} s in {count} episodes, {int(unseen.sum())} of them held out."]
+    lines = [f"{len(episodes)} transitions of {replay.robot.dt:g} s in {len(episodes.begins)} episodes, {int(unseen.sum())} of them held out."]
     if still:
         lines.append(f"Never changed: {', '.join(still)}.")
     return tuple(lines)
@@ -210,8 +193,8 @@ def _checks(replay: Replay, unseen: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 def _trajectories(replay: Replay, chosen: Model, unseen: npt.NDArray[np.bool_], settings: DiagnosisSettings) -> tuple[Trajectory, ...]:
     """The longest episode's held-out end, predicted several steps ahead by the source and by the corrected one, entries of most mismatch first."""
     episodes, robot = replay.episodes, replay.robot
-    begin = int(np.flatnonzero(~episodes.follows)[np.argmax(episodes.lengths[~episodes.follows])])
-    rows = np.arange(begin, begin + int(episodes.lengths[begin]))
+    longest = int(np.argmax(episodes.counts))
+    rows = episodes.begins[longest] + np.arange(episodes.counts[longest])
     every = max(2, round(settings.predict.horizon / robot.dt / 5))
     found = [replay.predicted(effects, rows, every)[0] for effects in ((), chosen.effects)]
     shown = np.flatnonzero(unseen[rows])[: max(2, round(settings.verdict.shown / robot.dt))]

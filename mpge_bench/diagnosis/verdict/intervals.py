@@ -22,18 +22,21 @@ def intervals(model: Model) -> list[tuple[Effect, Intervals]]:
 
     They are within the parameters' bounds, but infinite where the recordings do not tell.
     """
+    return each_bounded([one for one in model.effects if one.named], model.interval * model.standard_errors)
+
+
+def each_bounded(effects: Sequence[Effect], halves: npt.NDArray[np.float64]) -> list[tuple[Effect, Intervals]]:
+    """`effects`, each with the interval of each number of its parameters: `halves` either way, of all numbers one after another; infinite if that is."""
     result: list[tuple[Effect, Intervals]] = []
-    at = 0
-    for effect in [one for one in model.effects if one.named]:
+    left = iter(halves.tolist())
+    for effect in effects:
         found: Intervals = {}
         for name, parameter in effect.parameters.items():
             value = getattr(effect, name)
             pairs = []
             for one in value if isinstance(value, tuple) else (value,):
-                half = float(model.interval * model.standard_errors[at])
-                low, high = (max(parameter.low, one - half), min(parameter.high, one + half)) if math.isfinite(half) else (-math.inf, math.inf)
-                pairs.append((low, high))
-                at += 1
+                half = next(left)
+                pairs.append((max(parameter.low, one - half), min(parameter.high, one + half)) if math.isfinite(half) else (-math.inf, math.inf))
             found[name] = pairs
         result.append((effect, found))
     return result
