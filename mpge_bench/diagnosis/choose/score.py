@@ -22,7 +22,7 @@ def gain(simple: Model, rich: Model, windows: npt.NDArray[np.bool_]) -> tuple[fl
     By the mean over windows (the blocks: rows within one are not independent) of the roots of the sums of squares, so that no single window on which both go
     astray decides; for small gains this is the share of the sum of squares.
     """
-    before, after = (np.sqrt(one.missed[windows] + 1e-9) for one in (simple, rich))
+    before, after = (np.sqrt(one.missed_beside(other)[windows] + 1e-9) for one, other in ((simple, rich), (rich, simple)))
     change = before / before.mean() - after / after.mean()
     share = 2 * float(np.log(before.mean() / after.mean()))
     return share, 2 * float(np.std(change, ddof=1) / np.sqrt(len(change))) if len(change) > 1 else 0.0
@@ -36,7 +36,8 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     """
     settings, held = problem.settings.choose, problem.validation
     every = np.ones_like(held)
-    apart = np.abs(rich.missed - simple.missed) > settings.touched * np.minimum(rich.missed, simple.missed)
+    missed = (simple.missed_beside(rich), rich.missed_beside(simple))
+    apart = np.abs(missed[1] - missed[0]) > settings.touched * np.minimum(*missed)
     share, error = gain(simple, rich, apart if apart.sum() > settings.few_touched else every)
     told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
     # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere, and windows differ too much for two standard errors.

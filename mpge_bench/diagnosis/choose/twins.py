@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key, label
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -51,7 +51,10 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
 
 
 def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
-    """`twin` with its own best parameters, and how far its prediction then is from the chosen model's; as it is where there is no time."""
+    """`twin` with its own best parameters, and how far its prediction then is from the chosen model's; as it is where there is no time.
+
+    What one simulator linearised about either model cannot tell apart is one: two fits to the end differ by where they stopped, too.
+    """
     model = trials.known().get(key(twin.effects))
     if model is None:
         pairs = [] if trials.cut_short("telling twins apart") else trials.polished([twin.effects])
@@ -59,11 +62,12 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
             return twin
         model = trials.add(trials.converged(*pairs[0])[0])
     distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
-    return replace(twin, effects=model.effects, distance=min(distance, twin.distance))
+    back = [one.distance for one in _by_columns(trials, model, only=label([twin.replaced])) if key(one.effects) == chosen.key]
+    return replace(twin, effects=model.effects, distance=min(distance, twin.distance, *back))
 
 
-def _by_columns(trials: Trials, chosen: Model) -> list[Twin]:
-    """As `twins`, in no order, by the linearised simulator alone."""
+def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> list[Twin]:
+    """As `twins`, in no order, by the linearised simulator alone; with one candidate `only` where its label is given."""
     found: list[Twin] = []
     named = [one for one in chosen.effects if one.named]
     if not named:
@@ -81,7 +85,7 @@ def _by_columns(trials: Trials, chosen: Model) -> list[Twin]:
         (own,) = flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
         beside = np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))
         for candidate in trials.candidates:
-            if candidate.label in chosen.key or _contains(candidate, effect):
+            if candidate.label in chosen.key or _contains(candidate, effect) or only not in (None, candidate.label):
                 continue
             columns = flat(fitter.columns(candidate, others))
             # What is in proportion to its parameters is at its best any sum of its starts; what is not is near one of them.

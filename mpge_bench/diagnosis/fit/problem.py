@@ -170,6 +170,7 @@ class Model:
         fit: effects and what they leave.
         train, validation, overall: `LinearFitter.chi_square` of the windows for fitting, of those for choosing, and of all.
         missed: mean square of what each window misses, in units of what a right model does, shape (windows,).
+        tolerance: what a right model misses, in units of the noise: 1, more where under these effects half the physics step matters, shape (windows,).
         parameters: how many directions of its parameters the recordings tell.
         untold: its parameters that the recordings do not tell, by their indices; those that are told only together are one group.
         standard_errors: of the parameters, shape (parameters,); infinite of those that are not told.
@@ -182,6 +183,7 @@ class Model:
     validation: float
     overall: float
     missed: Array
+    tolerance: Array
     parameters: int
     untold: tuple[tuple[int, ...], ...]
     standard_errors: Array
@@ -192,6 +194,10 @@ class Model:
     def typical(self) -> float:
         """Median of `missed`."""
         return float(np.median(self.missed))
+
+    def missed_beside(self, other: Model) -> Array:
+        """`missed` in the units of whichever model tolerates more, shape (windows,), lest one seem better because it leaves itself more room."""
+        return self.missed * self.tolerance / np.maximum(self.tolerance, other.tolerance)
 
     @property
     def unsure(self) -> int:
@@ -224,6 +230,7 @@ def judged(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
         validation=fitter.chi_square(cost, problem.validation),
         overall=fitter.chi_square(cost, slice(None)),
         missed=cost / fitter.count,
+        tolerance=fitter.predictor.tolerance,
         parameters=int((strength > problem.settings.fit.told).sum()),
         untold=directions(columns, size, problem.settings.fit).groups(),
         standard_errors=fitter.standard_errors(fit),

@@ -75,6 +75,7 @@ class WindowPredictor:
         halved_error: how the prediction changes with half the physics step, shape (windows, rows, 2 j).
         coarse: the same as a root mean square, in standard deviations of the noise, shape (windows,).
         expected: mean square of what a right model leaves of a reading, in units of its weight, shape (windows,).
+        tolerance: the same in units of the reading's noise.
     """
 
     def __init__(self, linear: LinearisedSimulator, windows: Windows, sigma: Array, *, consistent: bool = False) -> None:
@@ -128,7 +129,8 @@ class WindowPredictor:
         doubt = self.coarse / self.settings.coarse
         self.weight = self._sharp / np.sqrt(1 + doubt**2)[:, None, None]
         # The physics step's error is forgiven as far as it is in proportion to what halving changes.
-        self.expected = np.minimum(1.0, (1 + (doubt**2 / self.settings.curved) ** 2) / (1 + doubt**2))
+        self.tolerance = np.minimum(1 + doubt**2, 1 + (doubt**2 / self.settings.curved) ** 2)
+        self.expected = self.tolerance / (1 + doubt**2)
         count, rows, channels, states = flow.shape
         columns = (flow * self.weight[..., None]).reshape(count, -1, states)
         self._starts, self._triangle = np.linalg.qr(columns)

@@ -26,7 +26,7 @@ def rivals(choice: Choice, error_of: ExportedError) -> tuple[Rival, ...]:
             found.setdefault(one.key, one)
     result, least = [], error_of(chosen.effects)
     for one in list(found.values())[: choice.problem.settings.verdict.rivals]:
-        behind = float((one.missed - chosen.missed)[held].sum()) * chosen.fit.residuals.shape[-1] / 2 / max(1.0, chosen.validation)
+        behind = float((one.missed_beside(chosen) - chosen.missed_beside(one))[held].sum()) * chosen.fit.residuals.shape[-1] / 2 / max(1.0, chosen.validation)
         values = "; ".join(", ".join(f"{value:.4g}" for value in parameters_of(effect)) for effect in one.effects)
         error = error_of(one.effects)
         # What predicts unseen recordings as well is not ruled out by others.

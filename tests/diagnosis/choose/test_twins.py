@@ -42,7 +42,7 @@ def test_what_columns_make_up_of_a_change() -> None:
 def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Callable[..., Made]) -> None:
     _, fitter, candidates = made(Armature("hinge", 0.03))
     fit = fitter.fit([InertiaScale("arm", 1.5)])
-    chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
+    chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, np.ones(len(fit.cost)), 1, (), np.ones(1), 1.96, np.zeros(fit.size))
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
     trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
     found = twins(trials, chosen)
@@ -59,7 +59,7 @@ def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Mad
     """As an armature on a damped joint, which acts as damping does that is worked out implicitly, but a hundred times as strongly."""
     _, fitter, candidates = made(Armature("hinge", 0.03))
     fit = fitter.fit([Armature("hinge", 0.01)])
-    chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
+    chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, np.ones(len(fit.cost)), 1, (), np.ones(1), 1.96, np.zeros(fit.size))
     alike = fitter.predictor.change(fit.effects)[None] / 100
     monkeypatch.setattr(fitter.nuisances, "forgiven", lambda effects: alike)
     fitter.free = alike

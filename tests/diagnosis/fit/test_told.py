@@ -40,7 +40,7 @@ def test_an_untold_parameter_has_an_infinite_interval_and_a_told_one_covers_the_
     assert np.isinf(errors).tolist() == [False, True, True]
     assert 0 < errors[0] < 0.01
     found = directions(fit.jacobian.reshape(3, -1), np.abs([fit.effects[0].gain, 0.001, 1.0]), DEFAULT.fit)
-    model = Model(fit, 1.0, 1.0, 1.0, fit.cost, 2, found.groups(), errors, 1.96, np.zeros(fit.size))
+    model = Model(fit, 1.0, 1.0, 1.0, fit.cost, np.ones(len(fit.cost)), 2, found.groups(), errors, 1.96, np.zeros(fit.size))
     said = {effect.name: bounds for effect, bounds in intervals(model)}
     low, high = said["torque_gain"]["gain"][0]
     assert low < 0.8 < high

@@ -42,7 +42,7 @@ def test_what_predicts_unseen_recordings_worse_is_taken_back(rig: Rig) -> None:
 def test_what_predicts_unseen_recordings_as_well_is_not_ruled_out() -> None:
     def model(effect: Any, left: float) -> Model:
         fit = Fit((effect,), np.full((8, 5), left), np.zeros((1, 8, 5)))
-        return Model(fit, left**2, left**2, left**2, fit.cost / 5, 1, (), np.ones(1), 1.96, np.zeros(fit.size))
+        return Model(fit, left**2, left**2, left**2, fit.cost / 5, np.ones(8), 1, (), np.ones(1), 1.96, np.zeros(fit.size))
 
     problem: Any = SimpleNamespace(settings=DEFAULT, validation=np.arange(8) > 5)
     chosen, better, worse = model(ViscousFriction("a", 1.0), 1.0), model(ViscousFriction("b", 1.0), 3.0), model(ViscousFriction("c", 1.0), 4.0)
