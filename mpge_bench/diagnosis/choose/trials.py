@@ -117,7 +117,8 @@ class Trials:
             if model.train < settings.near:
                 evaluations = 1
             again = polished(self.problem, model.effects, evaluations=evaluations)
-            gained = model.train - again[0].train
+            # Each leaves itself as much room as its own physics step asks for.
+            gained = model.level_beside(again[0], ~self.problem.validation) - again[0].level_beside(model, ~self.problem.validation)
             if gained > 0:
                 model, fitter = again
             if gained < settings.converged * model.train:

@@ -199,6 +199,10 @@ class Model:
         """`missed` in the units of whichever model tolerates more, shape (windows,), lest one seem better because it leaves itself more room."""
         return self.missed * self.tolerance / np.maximum(self.tolerance, other.tolerance)
 
+    def level_beside(self, other: Model, windows: npt.NDArray[np.bool_]) -> float:
+        """`LinearFitter.chi_square` of those windows in the same units."""
+        return float(np.mean(np.sqrt(self.missed_beside(other)[windows])) ** 2)
+
     @property
     def unsure(self) -> int:
         """How many effects might as well not be there, by the 95% intervals of their parameters."""

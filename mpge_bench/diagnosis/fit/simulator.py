@@ -30,17 +30,22 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
         fitter = problem.fitter()
         residuals = np.full(fitter.residual.shape, settings.unstable)
         return judged(problem, fitter, Fit(tuple(effects), residuals, np.zeros((len(values_of(effects)), *residuals.shape)))), fitter
-    fit = fitter.fit(effects, evaluations=evaluations or settings.evaluations_polish)
-    if problem.rig.swings(effects):
-        fit = replace(fit, jacobian=_derivatives(problem, fitter, fit.effects))
-    return finished(problem, fitter, fit, settings.iterations_polish)
+    fit = _differentiated(problem, fitter, fitter.fit(effects, evaluations=evaluations or settings.evaluations_polish))
+    best = _refined(problem, fitter, fit, settings.iterations_polish)
+    if evaluations != 1 and fit.size:
+        # What fits the linearised simulator better may be far off in the simulator, as where friction falls with speed.
+        first = fitter.fit(effects, evaluations=1)
+        if _refined(problem, fitter, first, 0).chi_square < best.chi_square:
+            fit = _differentiated(problem, fitter, first)
+            best = _refined(problem, fitter, fit, settings.iterations_polish)
+    return _judged(problem, fitter, best, fit.jacobian)
 
 
 def nominal(problem: Problem) -> tuple[Model, LinearFitter]:
     """The model of no effects, and its fitter."""
     fitter = problem.fitter()
     nothing = Fit((), fitter.residual, np.zeros((0, *fitter.residual.shape)))
-    return finished(problem, fitter, nothing, problem.settings.fit.iterations_nominal)
+    return _judged(problem, fitter, _refined(problem, fitter, nothing, problem.settings.fit.iterations_nominal), nothing.jacobian)
 
 
 def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
@@ -49,11 +54,15 @@ def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
     return judged(problem, fitter, Fit(best.effects, best.residuals, fit.jacobian))
 
 
-def finished(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> tuple[Model, LinearFitter]:
-    """`fit` refined to the end, the error of the physics step taken from the simulator, too; and the fitter that knows that."""
-    best = _refined(problem, fitter, fit, iterations)
-    residuals, free = _stepped(problem, fitter, best, fit.jacobian)
-    return judged(problem, fitter, Fit(best.effects, residuals, fit.jacobian)), fitter.knowing(free)
+def _judged(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: Array) -> tuple[Model, LinearFitter]:
+    """The model of `best`, the error of the physics step taken from the simulator, too; and the fitter that knows that."""
+    residuals, free = _stepped(problem, fitter, best, jacobian)
+    return judged(problem, fitter, Fit(best.effects, residuals, jacobian)), fitter.knowing(free)
+
+
+def _differentiated(problem: Problem, fitter: LinearFitter, fit: Fit) -> Fit:
+    """`fit` with the simulator's own derivatives where the linearised simulator does not know them."""
+    return replace(fit, jacobian=_derivatives(problem, fitter, fit.effects)) if problem.rig.swings(fit.effects) else fit
 
 
 def _derivatives(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> Array:

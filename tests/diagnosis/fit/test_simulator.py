@@ -6,9 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Problem, problem
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.predict.smooth import reference
@@ -45,3 +47,14 @@ def test_starting_states_of_motors_are_unknowns(tmp_path: Path) -> None:
     # No model is better for having more of them: the same number of readings is left to judge it by.
     left = [posed.fitter([effect]).count.mean() for effect in (Backlash("hinge", 0.03, 0.02), ViscousFriction("hinge", 0.03))]
     assert abs(left[0] / left[1] - 1) < 0.1
+
+
+def test_a_fit_is_never_worse_than_what_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the linearised simulator leads away, as it may with friction that falls with speed."""
+    truth, away = ViscousFriction("hinge", 0.03), ViscousFriction("hinge", 3.0)
+    posed, fit = _posed(tmp_path, truth), LinearFitter.fit
+    held = polished(posed, (truth,), evaluations=1)[0]
+    monkeypatch.setattr(LinearFitter, "fit", lambda self, effects, evaluations: fit(self, effects if evaluations == 1 else (away,), evaluations=1))
+    model = polished(posed, (truth,))[0]
+    assert model.train == pytest.approx(held.train)
+    assert model.effects == held.effects
