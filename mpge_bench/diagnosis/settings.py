@@ -118,6 +118,7 @@ class FitSettings:
     iterations_nominal: int = _setting(2, "iterations", "in the simulator, of the model of no effects, which has nothing but starting states to fit")
     iterations_polish: int = _setting(3, "iterations", "in the simulator, of a model that is followed up")
     gained: float = _setting(1e-3, "share of the cost", "an iteration that gains less is the last")
+    halvings: int = _setting(3, "halvings", "of a step in the simulator that makes a model worse")
     worse: float = _setting(2.0, "times", "a new starting state that costs more is dropped: the motion is chaotic there")
     rank: float = _setting(1e-4, "singular values", "directions of the parameters that the recordings tell less of stay where they are")
     step_matters: float = _setting(30.0, "times the noise", "the physics step is nothing to a model that misses more")
@@ -165,6 +166,8 @@ class ChooseSettings:
         3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full"
     )
     converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
+    settled: float = _setting(0.3, "standard errors", "an answer of which no parameter moves by more when it is fitted anew is fitted to the end")
+    settlings: int = _setting(8, "fits", "of the answer about its own fit, at most")
     apart: float = _setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
     alike: float = _setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")
     twins: int = _setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")

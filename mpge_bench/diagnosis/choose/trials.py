@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from mpge_bench.diagnosis.choose.exported import exported_error, validation_recordings
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -16,7 +18,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import Candidate, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of
+from mpge_bench.envs.effects.vector import parameters_of, values_of
 
 _log = logging.getLogger(__name__)
 
@@ -104,6 +106,21 @@ class Trials:
     def polished(self, sets: Sequence[Sequence[Effect]]) -> list[tuple[Model, LinearFitter]]:
         """Each set of effects fitted to the end."""
         return self.each(polished, (), sets)
+
+    def settled(self, model: Model) -> Model:
+        """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""
+        train = ~self.problem.validation
+        for _ in range(self.settings.settlings if model.parameters else 0):
+            if self.cut_short("fitting the answer to the end"):
+                break
+            again, _ = polished(self.problem, model.effects, evaluations=1)
+            if again.level_beside(model, train) > (1 + self.settings.material) * model.level_beside(again, train):
+                break
+            moved = np.abs(np.subtract(values_of(again.effects), values_of(model.effects))) / again.standard_errors
+            model = self.add(again)
+            if moved.max() < self.settings.settled:
+                break
+        return model
 
     def converged(self, model: Model, fitter: LinearFitter) -> tuple[Model, LinearFitter]:
         """`model` fitted anew about its own fit until that no longer helps."""

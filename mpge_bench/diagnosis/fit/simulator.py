@@ -31,13 +31,13 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
         residuals = np.full(fitter.residual.shape, settings.unstable)
         return judged(problem, fitter, Fit(tuple(effects), residuals, np.zeros((len(values_of(effects)), *residuals.shape)))), fitter
     fit = _differentiated(problem, fitter, fitter.fit(effects, evaluations=evaluations or settings.evaluations_polish))
-    best = _refined(problem, fitter, fit, settings.iterations_polish)
+    best = _refined(problem, fitter, fit, settings.iterations_polish, settings.halvings)
     if evaluations != 1 and fit.size:
         # What fits the linearised simulator better may be far off in the simulator, as where friction falls with speed.
         first = fitter.fit(effects, evaluations=1)
         if _refined(problem, fitter, first, 0).chi_square < best.chi_square:
             fit = _differentiated(problem, fitter, first)
-            best = _refined(problem, fitter, fit, settings.iterations_polish)
+            best = _refined(problem, fitter, fit, settings.iterations_polish, settings.halvings)
     return _judged(problem, fitter, best, fit.jacobian)
 
 
@@ -87,48 +87,82 @@ def _derivatives(problem: Problem, fitter: LinearFitter, effects: Sequence[Effec
 
 @dataclass(frozen=True)
 class _Refined:
-    """Effects, what they leave in the simulator, from which starting states, shape (windows, 2 joints); its chi-square, infinite if unstable."""
+    """Effects and what they leave in the simulator.
+
+    Attributes:
+        residuals: projected, shape (windows, rows * channels).
+        starts: starting states, shape (windows, states).
+        error: measured minus predicted, shape (windows, rows, channels).
+        chi_square: infinite if the simulation is unstable.
+    """
 
     effects: tuple[Effect, ...]
     residuals: Array
     starts: Array
+    error: Array
     chi_square: float
 
 
-def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int) -> _Refined:
-    """Gauss-Newton on parameters and starting states, with the predictions of the simulator and the derivatives of the linearised simulator."""
-    settings, predictor, train = problem.settings.fit, fitter.predictor, fitter.train
-    effects = fit.effects
-    starts = predictor.first
-    best: _Refined | None = None
-    for iteration in range(iterations + 1):
-        predicted = problem.predictions(predictor.linear, effects, starts)
-        if predicted is None:
+def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int, halvings: int = 0) -> _Refined:
+    """Gauss-Newton on parameters and starting states, with the predictions of the simulator and the derivatives of the linearised simulator.
+
+    Args:
+        halvings: of a step that makes it worse, at most.
+    """
+    settings = problem.settings.fit
+    best = _tried(problem, fitter, fit.effects, fitter.predictor.first, None)
+    if best is None:  # parameters under which the simulation flies apart are no candidates
+        lost = np.full(fitter.residual.shape, settings.unstable)
+        return _Refined(fit.effects, lost, fitter.predictor.first, np.zeros_like(fitter.predictor.measured), np.inf)
+    for _ in range(iterations):
+        better = None if fitter.late else _improved(problem, fitter, fit, best, halvings)
+        if better is None:
             break
-        error = predictor.measured - predicted
-        residuals = fitter.nuisances.forgive(predictor.project(error), effects).residuals
-        if best is not None:
-            # Where a new starting state made it worse, as it may where the motion is chaotic, the old one was better.
-            worse = (residuals**2).sum(1) > settings.worse * (best.residuals**2).sum(1)
-            starts = np.where(worse[:, None], best.starts, starts)
-            if not fit.size:
-                residuals = np.where(worse[:, None], best.residuals, residuals)
-        chi_square = fitter.chi_square((residuals**2).sum(-1))
-        gained = np.inf if best is None else best.chi_square - chi_square
-        if gained > 0:
-            best = _Refined(tuple(effects), residuals, starts, chi_square)
-        if gained < settings.gained * chi_square or iteration == iterations or fitter.late:
+        gained, best = best.chi_square - better.chi_square, better
+        if gained < settings.gained * best.chi_square:
             break
-        starts = starts + predictor.starts(error)
-        if fit.size:
-            weights = fitter.weights((residuals**2).sum(-1))
-            # By shares of the parameters' sizes: what the recordings do not tell stays where it is.
-            size = sizes_of(effects)
-            jacobian = (fit.jacobian * weights)[:, train].reshape(fit.size, -1).T * size
-            step = np.linalg.lstsq(jacobian, (residuals * weights)[train].ravel(), rcond=settings.rank)[0] * size
-            effects = tuple(rebuild(effects, np.clip(values_of(effects) + step, *limits_of(effects))))
-    # Parameters under which the simulation flies apart are no candidates.
-    return best or _Refined(fit.effects, np.full(fitter.residual.shape, settings.unstable), starts, np.inf)
+    return best
+
+
+def _improved(problem: Problem, fitter: LinearFitter, fit: Fit, best: _Refined, halvings: int) -> _Refined | None:
+    """`best` after a step of Gauss-Newton, which is halved while that makes it worse; None where nothing makes it better."""
+    starts = best.starts + fitter.predictor.starts(best.error)
+    step = _step(fitter, fit.jacobian, best)
+    for share in 0.5 ** np.arange(halvings + 1 if fit.size else 1):
+        values = np.clip(values_of(best.effects) + share * step, *limits_of(best.effects))
+        here = _tried(problem, fitter, tuple(rebuild(best.effects, values)), starts, best)
+        if here is not None and here.chi_square < best.chi_square:
+            return here
+        if fitter.late:
+            break
+    return None
+
+
+def _tried(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...], starts: Array, before: _Refined | None) -> _Refined | None:
+    """What `effects` leave in the simulator from the `starts`; None if it is unstable."""
+    predictor = fitter.predictor
+    predicted = problem.predictions(predictor.linear, effects, starts)
+    if predicted is None:
+        return None
+    error = predictor.measured - predicted
+    residuals = fitter.nuisances.forgive(predictor.project(error), effects).residuals
+    if before is not None:
+        # Where a new starting state made it worse, as it may where the motion is chaotic, the old one was better.
+        worse = (residuals**2).sum(1) > problem.settings.fit.worse * (before.residuals**2).sum(1)
+        starts = np.where(worse[:, None], before.starts, starts)
+        if not len(values_of(effects)):
+            residuals = np.where(worse[:, None], before.residuals, residuals)
+    return _Refined(effects, residuals, starts, error, fitter.chi_square((residuals**2).sum(-1)))
+
+
+def _step(fitter: LinearFitter, jacobian: Array, best: _Refined) -> Array:
+    """Changes of the parameters of `best` by least squares, shape (parameters,); what the recordings do not tell stays where it is."""
+    if not len(jacobian):
+        return np.zeros(0)
+    weights = fitter.weights((best.residuals**2).sum(-1))
+    size = sizes_of(best.effects)
+    columns = (jacobian * weights)[:, fitter.train].reshape(len(jacobian), -1).T * size
+    return np.asarray(np.linalg.lstsq(columns, (best.residuals * weights)[fitter.train].ravel(), rcond=fitter.settings.rank)[0] * size)
 
 
 def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: Array) -> tuple[Array, Array]:

@@ -12,9 +12,10 @@ from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Problem, problem
-from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.fit.simulator import _refined, polished
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, ViscousFriction
+from mpge_bench.envs.effects.vector import values_of
 
 from ..conftest import write_case
 
@@ -58,3 +59,14 @@ def test_a_fit_is_never_worse_than_what_it_began_with(tmp_path: Path, monkeypatc
     model = polished(posed, (truth,))[0]
     assert model.train == pytest.approx(held.train)
     assert model.effects == held.effects
+
+
+def test_a_step_too_far_is_halved(tmp_path: Path) -> None:
+    """With derivatives a third of what they are, a step goes three times too far: a fit that stopped there would stay where it began."""
+    posed = _posed(tmp_path, ViscousFriction("hinge", 0.03))
+    fitter = posed.fitter([ViscousFriction("hinge", 0.02)])
+    fit = fitter.fit([ViscousFriction("hinge", 0.02)], evaluations=1)
+    wrong = replace(fit, jacobian=fit.jacobian / 3)
+    stuck, found = _refined(posed, fitter, wrong, 1), _refined(posed, fitter, wrong, 1, halvings=2)
+    assert stuck.effects == fit.effects
+    assert values_of(found.effects)[0] == pytest.approx(0.03, rel=0.3)
