@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -54,21 +54,26 @@ class Search:
     advance: Callable[[int], None] = lambda steps: None
     models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
     cut: dict[str, None] = field(default_factory=dict)
-    columns: list[Columns] = field(default_factory=list)
+    columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
+    #: Models on whose misses the search has been focused.
+    shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         settings, episodes = self.settings, self.replay.episodes
         starts = sum(len(one.starts) for one in self.hypotheses)
-        few = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
-        #: For looks and drafts: of all kinds of motion.
-        self.few = episodes.stretches(few, settings.stretch)
+        glimpsed = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
+        entries = self.replay.robot.observation_size
+        self.every = np.arange(len(episodes))
+        #: For first looks and, more of them, for drafts: of all kinds of motion.
+        self.glance = episodes.stretches(glimpsed, settings.stretch)
+        self.few = episodes.stretches(settings.drafted // entries, settings.stretch)
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = episodes.heads(settings.fitted_rows)
+        self.rows = episodes.heads(settings.fitted // entries)
 
     def answer(self) -> Answer:
         """The whole search."""
         chosen = self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        while len(chosen.hypotheses) < self.settings.most and not chosen.is_exact(self.settings):
+        while len(chosen.hypotheses) < self.settings.most and not self.is_exact(chosen, self.settings.exact_share):
             if self.late("looking for effects"):
                 break
             chosen = self.focused(chosen)
@@ -76,31 +81,38 @@ class Search:
             fresh = not self.columns
             richer = self.grown(chosen)
             if not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
-                self.columns = []
+                self.columns.clear()
                 richer = self.grown(chosen)
             if richer is None or not self.is_better(richer, chosen):
                 break
             chosen = richer
-        chosen = self.plainer(self.alone(self.needed(chosen)))
+        chosen = self.told(self.plainer(self.alone(self.needed(chosen))))
         near = chosen.description + self.settings.equal
         # What has the answer in it and more is no other answer.
         equals = sorted((one for one in self.models.values() if one.hypotheses and one.description < near and not one.key >= chosen.key), key=_plainness)
         return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
+
+    def is_exact(self, model: Model, share: float) -> bool:
+        """Whether `model` leaves nothing but rounding in this share of the entries, of whole episodes: stretches begin with contacts that nobody remembers."""
+        return float(np.quantile(np.abs(self.replay.residuals(model.effects, self.every)), share)) < self.settings.exact
 
     def focused(self, model: Model) -> Model:
         """`model`, where it is exact but for some transitions judged on these, too: what acts seldom, as a limit does, shows nowhere else.
 
         All models fitted before are forgotten then, since they were judged on others.
         """
-        every, settings = np.arange(len(self.replay.episodes)), self.settings
-        if model.missed > settings.exact or len(self.rows) == len(every):
+        settings = self.settings
+        if model.missed > settings.exact or model.key in self.shown:
             return model
-        missed = np.abs(self.replay.residuals(model.effects, every)).max(1) > settings.exact
+        missed = np.abs(self.replay.residuals(model.effects, self.every)).max(1) > settings.exact
         if not missed.any():
             return model
-        before = np.flatnonzero(missed)[:, None] - np.arange(settings.settle + 1)
+        self.shown.add(model.key)
+        before = np.flatnonzero(missed)[:, None] - np.arange(settings.stretch)
         shown = np.unique(np.maximum(before, 0))
-        self.few, self.rows, self.columns = shown[: settings.most_rows], np.union1d(self.rows, shown), []
+        self.glance, self.few, self.rows = shown[: len(self.glance)], shown[: len(self.few)], np.union1d(self.rows, shown)
+        settings = self.settings = replace(settings, typical=1 - float(missed[self.rows].mean()) / 2)
+        self.columns.clear()
         self.models.clear()
         self.add(model_of(self.replay, (), (), self.rows, settings))
         return self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, settings))
@@ -127,29 +139,54 @@ class Search:
         self.advance(len(found))
         return found
 
-    def grown(self, model: Model) -> Model | None:
-        """The best model of one hypothesis more, fitted to the end."""
-        settings = self.settings
-        few = model_of(self.replay, model.hypotheses, model.values, self.few, settings)
-        if not self.columns:
-            self.columns = self.each(columns_of, (few, self.few), self.hypotheses)  # type: ignore[assignment]
-        looks = [look(few, one, settings) for one in self.columns if one.hypothesis.key not in model.key]
-        looks = sorted(looks, key=lambda one: -one.gain)[: settings.checked]
-        again: list[Look] = self.each(looked_again, (few, self.few, settings), looks)  # type: ignore[assignment]
+    def looks(self, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
+        """Those of `hypotheses` that promise most beside `model`."""
+        settings, known = self.settings, self.columns
+        glance, few = (model_of(self.replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
+        unknown = [one for one in hypotheses if one.key not in known]
+        columns: list[Columns] = self.each(columns_of, (glance, self.glance), unknown)  # type: ignore[assignment]
+        known.update({one.hypothesis.key: one for one in columns})
+        found = [look(glance, known[one.key], settings) for one in hypotheses if one.key in known and one.key not in model.key]
+        found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
+        again: list[Look] = self.each(looked_again, (few, self.few, settings), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
         _log.debug("looks %s", [(one.hypothesis.label, round(one.gain, 3)) for one in again])
         checked = {one.hypothesis.key for one in again}
-        looks = [*again, *[one for one in looks if one.hypothesis.key not in checked][: settings.tried // 2]]
-        drafts: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
-        drafts.sort(key=lambda one: one.description)
+        return [*again, *[one for one in found if one.hypothesis.key not in checked][: settings.tried // 2]]
+
+    def drafts(self, model: Model) -> list[Model]:
+        """`model` with one hypothesis more, each of those that promise most, fitted to few transitions; the best first.
+
+        Those of one parameter come first: where one of them leaves nothing but rounding, none can be plainer, and nothing else is looked at.
+        """
+        settings = self.settings
+        found: list[Model] = []
+        for plain in (True, False):
+            looks = self.looks(model, [one for one in self.hypotheses if (one.size == 1) is plain])
+            begun: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
+            begun.sort(key=lambda one: one.description)
+            found += begun[settings.followed :]
+            found += self.each(_fitted, (self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
+            found.sort(key=lambda one: one.description)
+            # What is exact in the end need not be after these iterations.
+            found[:1] = self.each(_fitted, (self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
+            if found and self.is_exact(found[0], settings.exact_draft):
+                break
+        return found
+
+    def grown(self, model: Model) -> Model | None:
+        """The best model of one hypothesis more, fitted to the end."""
+        settings = self.settings
+        few = model_of(self.replay, model.hypotheses, model.values, self.few, settings)
+        drafts = self.drafts(model)
         _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
         if not drafts or not self.is_better(drafts[0], few):
             return None
         best = drafts[0].description
         # Those that describe as well as the best are all its rivals, however many.
         kept = [one for place, one in enumerate(drafts) if place < settings.polished or one.description < best + settings.equal]
-        ends: list[Model] = self.each(_polished, (self.rows, settings), kept)  # type: ignore[assignment]
+        ends: list[Model] = self.each(_fitted, (self.rows, settings, settings.iterations_polish), kept)  # type: ignore[assignment]
         for one in ends:
             self.add(one)
         if not ends:
@@ -173,8 +210,9 @@ class Search:
         if len(model.hypotheses) < 2:
             return model
         blamed = {target for one in model.hypotheses for target in one.targets}
-        few = model_of(self.replay, (), (), self.few, self.settings)
-        known = [look(few, one, self.settings) for one in self.columns if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
+        nominal = model_of(self.replay, (), (), self.glance, self.settings)
+        columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
+        known = [look(nominal, one, self.settings) for one in columns]
         for one in sorted(known, key=lambda one: (one.hypothesis.size, -one.gain)):
             if self.late("one effect in the place of several"):
                 break
@@ -199,6 +237,17 @@ class Search:
                     return self.plainer(tried)
         return model
 
+    def told(self, model: Model) -> Model:
+        """`model` with each parameter that changes nothing, as the place of a load across a plane, at the value at which it is absent."""
+        for place, one in enumerate(model.hypotheses):
+            for index, absent in enumerate(one.absent or ()):
+                values = [list(own) for own in model.values]
+                values[place][index] = absent
+                tried = model_of(self.replay, model.hypotheses, values, self.rows, self.settings)
+                if float(np.max(np.abs(tried.residuals - model.residuals))) < self.settings.exact:
+                    self.models[model.key] = model = tried
+        return model
+
     def fitted(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
         return fitted(self.replay, hypotheses, values, self.rows, self.settings, self.settings.iterations_polish)
 
@@ -216,8 +265,9 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
 
 
 def _drafted(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
-    return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations)
+    """The beginning of a fit."""
+    return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations_first)
 
 
-def _polished(replay: Replay, rows: Rows, settings: ReplaySettings, draft: Model) -> Model:
-    return fitted(replay, draft.hypotheses, draft.values, rows, settings, settings.iterations_polish)
+def _fitted(replay: Replay, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:
+    return fitted(replay, draft.hypotheses, draft.values, rows, settings, iterations)

@@ -6,8 +6,10 @@ as the simulator has it, so that under the true effects every prediction is exac
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +19,7 @@ from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.env import RobotEnv
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.robots import Robot
 from mpge_bench.envs.world import World
 
@@ -78,21 +81,25 @@ class Replay:
         """
         robot, episodes = self.robot, self.episodes
         env, world = environment(robot, effects)
-        layout = world.layout
-        follows, places = episodes.follows, episodes.places
+        layout, states = world.layout, self._states
+        follows, places, actions = episodes.follows, episodes.places, episodes.actions.tolist()
         predicted, settled = np.empty((len(rows), robot.observation_size)), np.ones(len(rows), bool)
-        at, unknown = -2, 0
+        at, unknown, reached = -2, 0, np.empty(0)
         for line, row in enumerate(rows.tolist()):
-            recorded, goes_on = episodes.observations[row], follows[row] and at == row - 1
-            if not goes_on or not np.isfinite(predicted[line - 1]).all():
-                world.set_state(*robot.state(recorded))
+            goes_on = follows[row] and at == row - 1
+            if not goes_on or not math.isfinite(reached.sum()):
+                world.set_state(layout.q(states[row]), layout.dq(states[row]))
                 unknown = self.settle if follows[row] else 0
-            elif places[row] % every == 0 and not np.array_equal(predicted[line - 1], recorded):
-                here, there = (layout.state(*robot.state(one)) for one in (recorded, predicted[line - 1]))
-                world.displace(layout.minus(here, there))
+            elif places[row] % every == 0 and reached.tolist() != episodes.observations[row].tolist():
+                world.displace(layout.minus(states[row], layout.state(*robot.state(reached))))
             settled[line] = unknown <= 0
             unknown -= 1
-            world.step(env.commanded(episodes.actions[row].tolist()))
-            predicted[line] = robot.observation(*world.read())
+            world.step(env.commanded(actions[row]))
+            reached = predicted[line] = robot.observation(*world.read())
             at = row
         return predicted, settled
+
+    @cached_property
+    def _states(self) -> Array:
+        """States (q, dq) of the robot at the beginnings of all transitions, one a row."""
+        return np.array([Layout.state(*self.robot.state(one)) for one in self.episodes.observations])
