@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Rows, fitted, model_of
+from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
@@ -68,7 +68,12 @@ class Search:
         self.glance = episodes.stretches(glimpsed, settings.stretch)
         self.few = episodes.stretches(settings.drafted // entries, settings.stretch)
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = episodes.heads(settings.fitted // entries)
+        self.rows = episodes.heads((settings.fitted_noisy if self.is_noisy else settings.fitted) // entries)
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether the right model, too, leaves more than rounding."""
+        return self.replay.trust != (1.0, 1.0)
 
     def answer(self) -> Answer:
         """The whole search."""
@@ -77,19 +82,19 @@ class Search:
             if self.late("looking for effects"):
                 break
             chosen = self.focused(chosen)
-            # Columns of a round before are a little off, and cost nothing; where they lead nowhere, new ones may.
+            # Columns of a round before are a little off, and cost nothing; where they lead nowhere though something is missing, new ones may.
             fresh = not self.columns
             richer = self.grown(chosen)
-            if not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
+            if not self.is_noisy and not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
                 self.columns.clear()
                 richer = self.grown(chosen)
             if richer is None or not self.is_better(richer, chosen):
                 break
             chosen = richer
         chosen = self.told(self.plainer(self.alone(self.needed(chosen))))
-        near = chosen.description + self.settings.equal
         # What has the answer in it and more is no other answer.
-        equals = sorted((one for one in self.models.values() if one.hypotheses and one.description < near and not one.key >= chosen.key), key=_plainness)
+        others = (one for one in self.models.values() if one.hypotheses and not one.key >= chosen.key)
+        equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
         return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
 
     def is_exact(self, model: Model, share: float) -> bool:
@@ -118,7 +123,15 @@ class Search:
         return self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, settings))
 
     def is_better(self, richer: Model | None, model: Model) -> bool:
-        return richer is not None and richer.description < model.description - self.settings.material
+        return richer is not None and richer.description < model.description - max(self.settings.material, self.chance(richer, model))
+
+    def is_equal(self, one: Model, other: Model) -> bool:
+        """Whether `one` describes as well as `other`."""
+        return one.description < other.description + max(self.settings.equal, self.chance(one, other))
+
+    def chance(self, one: Model, other: Model) -> float:
+        """By how much noise alone may make one of them the better."""
+        return self.settings.beyond_chance * chance_of(one, other, self.settings) if self.is_noisy else 0.0
 
     def late(self, stage: str) -> bool:
         if self.clock.late:
@@ -160,10 +173,12 @@ class Search:
 
         Those of one parameter come first: where one of them leaves nothing but rounding, none can be plainer, and nothing else is looked at.
         """
-        settings = self.settings
+        settings, most = self.settings, 0.0
         found: list[Model] = []
         for plain in (True, False):
             looks = self.looks(model, [one for one in self.hypotheses if (one.size == 1) is plain])
+            most = max([most, *(one.gain for one in looks)])
+            looks = [one for one in looks if one.gain > settings.promising * most]
             begun: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
             begun.sort(key=lambda one: one.description)
             found += begun[settings.followed :]
@@ -183,16 +198,15 @@ class Search:
         _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
         if not drafts or not self.is_better(drafts[0], few):
             return None
-        best = drafts[0].description
         # Those that describe as well as the best are all its rivals, however many.
-        kept = [one for place, one in enumerate(drafts) if place < settings.polished or one.description < best + settings.equal]
+        kept = [one for place, one in enumerate(drafts) if place < settings.polished or self.is_equal(one, drafts[0])]
         ends: list[Model] = self.each(_fitted, (self.rows, settings, settings.iterations_polish), kept)  # type: ignore[assignment]
         for one in ends:
             self.add(one)
         if not ends:
             return None
-        least = min(one.description for one in ends)
-        return min((one for one in ends if one.description < least + settings.equal), key=_plainness)
+        best = min(ends, key=lambda one: one.description)
+        return min((one for one in ends if self.is_equal(one, best)), key=_plainness)
 
     def needed(self, model: Model) -> Model:
         """`model` without the hypotheses that it can do without."""
@@ -201,7 +215,7 @@ class Search:
                 break
             rest = [(other, own) for other, own in zip(model.hypotheses, model.values, strict=True) if other is not one]
             less = self.add(self.fitted(*zip(*rest, strict=True)))
-            if less.description < model.description + self.settings.material:
+            if not self.is_better(model, less):
                 model = less
         return model
 
@@ -221,7 +235,7 @@ class Search:
             if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
                 continue
             tried = self.add(self.fitted(draft.hypotheses, draft.values))
-            if tried.description < model.description + self.settings.equal:
+            if self.is_equal(tried, model):
                 return tried
         return model
 
@@ -233,7 +247,7 @@ class Search:
                     continue
                 pairs = [(kept, own) for kept, own in zip(model.hypotheses, model.values, strict=True) if kept is not one]
                 tried = self.add(self.fitted(*zip(*[*pairs, (other, _start(other, model, one))], strict=True)))
-                if tried.description < model.description + self.settings.equal:
+                if self.is_equal(tried, model):
                     return self.plainer(tried)
         return model
 

@@ -75,14 +75,25 @@ def scales_of(residuals: Array, settings: ReplaySettings) -> Array:
     return np.asarray(np.maximum(np.maximum(usual, settings.shared * np.median(usual)), settings.exact))
 
 
-def description(residuals: Array, size: int, settings: ReplaySettings) -> float:
-    """Nats an entry that `residuals` take under a t distribution of each entry's own scale, and `size` parameters (Schwarz 1978)."""
+def nats_of(residuals: Array, settings: ReplaySettings) -> Array:
+    """Nats that each of `residuals` takes under a t distribution of its entry's own scale, up to a constant, shaped as they are."""
     freedom = settings.freedom
     # No rounding is any better than another.
     residuals = np.where(np.abs(residuals) < settings.exact, 0.0, residuals)
     scale = np.maximum(1.2 * np.median(np.abs(residuals), axis=0), settings.exact)
-    nats = np.log(scale) + (freedom + 1) / 2 * np.log1p((residuals / scale) ** 2 / freedom)
-    return float(nats.mean() + size * np.log(residuals.size) / (2 * residuals.size))
+    return np.asarray(np.log(scale) + (freedom + 1) / 2 * np.log1p((residuals / scale) ** 2 / freedom))
+
+
+def description(residuals: Array, size: int, settings: ReplaySettings) -> float:
+    """Nats an entry that `residuals` take, and `size` parameters (Schwarz 1978)."""
+    return float(nats_of(residuals, settings).mean() + size * np.log(residuals.size) / (2 * residuals.size))
+
+
+def chance_of(one: Model, other: Model, settings: ReplaySettings) -> float:
+    """How much their descriptions, of the same rows, differ by chance: the standard error from stretches of rows, nats an entry (Vuong 1989)."""
+    found = (nats_of(one.residuals, settings) - nats_of(other.residuals, settings)).mean(1)
+    stretches = [part.mean() for part in np.array_split(found, max(2, len(found) // settings.stretch))]
+    return float(np.std(stretches) / np.sqrt(len(stretches)))
 
 
 def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int) -> Model:

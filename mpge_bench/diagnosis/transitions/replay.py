@@ -1,7 +1,8 @@
 """Transitions as the simulator with any effects predicts them: taken along the episodes step by step, and put right after each.
 
-Only what the observations tell is put right. What they do not (motors on springs, commands on their way, slipping gears of rotors, cached contacts) goes on
-as the simulator has it, so that under the true effects every prediction is exact, whatever the target remembers.
+Only what the observations tell is put right, and where they are noisy not all of it. What they do not tell (motors on springs, commands on their way,
+slipping gears of rotors, cached contacts) goes on as the simulator has it, so that under the true effects every prediction is exact, whatever the target
+remembers.
 """
 
 from __future__ import annotations
@@ -45,12 +46,15 @@ class Replay:
     Attributes:
         settle: rows at the beginning of a stretch that starts within an episode, in which nobody knows what the simulator remembers.
         worst: residuals are cut off at, in spreads of the change in a control step.
+        trust: shares of the differences in positions and in velocities that are put right after each step. With noise less than all: a prediction then
+            starts from what many readings say, not from the last alone, as that of an observer with fixed gains (Luenberger 1966).
     """
 
     robot: Robot
     episodes: Episodes
     settle: int
     worst: float
+    trust: tuple[float, float] = (1.0, 1.0)
 
     def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
         """What the simulator with `effects` misses of the next observations, in spreads of their change in a control step.
@@ -84,14 +88,14 @@ class Replay:
         layout, states = world.layout, self._states
         follows, places, actions = episodes.follows, episodes.places, episodes.actions.tolist()
         predicted, settled = np.empty((len(rows), robot.observation_size)), np.ones(len(rows), bool)
-        at, unknown, reached = -2, 0, np.empty(0)
+        at, unknown, reached, trust = -2, 0, np.empty(0), np.repeat(self.trust, layout.nv)
         for line, row in enumerate(rows.tolist()):
             goes_on = follows[row] and at == row - 1
             if not goes_on or not math.isfinite(reached.sum()):
                 world.set_state(layout.q(states[row]), layout.dq(states[row]))
                 unknown = self.settle if follows[row] else 0
             elif places[row] % every == 0 and reached.tolist() != episodes.observations[row].tolist():
-                world.displace(layout.minus(states[row], layout.state(*robot.state(reached))))
+                world.displace(trust * layout.minus(states[row], layout.state(*robot.state(reached))))
             settled[line] = unknown <= 0
             unknown -= 1
             world.step(env.commanded(actions[row]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.fit import _smooth, description, fitted
+from mpge_bench.diagnosis.transitions.fit import Model, _smooth, chance_of, description, fitted
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs import get_task
@@ -36,3 +36,11 @@ def test_no_rounding_is_better_than_another() -> None:
     residuals = np.full((50, 3), 1e-12)
     assert description(residuals, 1, SETTINGS) == description(10 * residuals, 1, SETTINGS)
     assert description(residuals, 1, SETTINGS) < description(residuals + 1e-6, 1, SETTINGS)
+
+
+def test_descriptions_differ_by_chance_as_much_as_stretches_of_rows_do() -> None:
+    noise = np.random.default_rng(0).normal(size=(600, 4))
+    model, shaken, worse = (Model((), (), one, 0.0) for one in (noise, np.random.default_rng(1).permutation(noise), 1.5 * noise))
+    assert chance_of(model, model, SETTINGS) == 0.0
+    assert 0.0 < chance_of(model, worse, SETTINGS) < 0.01
+    assert chance_of(model, shaken, SETTINGS) > 0.01
