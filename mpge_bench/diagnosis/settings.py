@@ -243,6 +243,8 @@ class ReplaySettings:
     near: float = _setting(3.0, "times", "what a draft may miss of what a model does, to have a chance in its place")
     most: int = _setting(6, "hypotheses", "of a model, at most")
     block: int = _setting(5, "rows", "neighbouring ones, whose noise is alike, count as one piece of evidence")
+    apart: int = _setting(30, "rows", "after which what is missed has forgotten what was put right, most of it within ten")
+    leftover: float = _setting(0.01, "probability", "that as much as a model leaves is noise, below which more is looked for")
     told: float = _setting(1e-8, "squared scales of what is missed", "a parameter that moves a row by less when it doubles is not told")
     draws: int = _setting(999, "draws", "of the permutation test for any mismatch")
     certain: float = _setting(1e-6, "probability", "what is said of a mismatch that shows without noise: the simulator repeats itself bit for bit")

@@ -5,18 +5,22 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted, model_of
+from mpge_bench.diagnosis.transitions.evidence import likeness
+from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted, model_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
 
+Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
 #: More than any robot has links.
 _EVERYTHING = 1000
@@ -52,6 +56,8 @@ class Search:
     clock: Clock
     settings: ReplaySettings
     advance: Callable[[int], None] = lambda steps: None
+    #: The source's own transitions, which tell with noise where nothing is left to be explained.
+    own: Replay | None = None
     models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
     cut: dict[str, None] = field(default_factory=dict)
     columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
@@ -65,27 +71,38 @@ class Search:
         entries = self.replay.robot.observation_size
         self.every = np.arange(len(episodes))
         #: For first looks and, more of them, for drafts: of all kinds of motion.
-        self.glance = episodes.stretches(glimpsed, settings.stretch)
-        self.few = episodes.stretches(settings.drafted // entries, settings.stretch)
+        self.glance, self.few = (self.spread(rows) for rows in (glimpsed, settings.drafted // entries))
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = episodes.heads((settings.fitted_noisy if self.is_noisy else settings.fitted) // entries)
+        self.rows = episodes.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
 
-    @property
-    def is_noisy(self) -> bool:
-        """Whether the right model, too, leaves more than rounding."""
-        return self.replay.trust != (1.0, 1.0)
+    def spread(self, total: int) -> Rows:
+        """About `total` rows in stretches evenly spread and, with noise, half of them where the source misses most: what acts seldom shows there alone."""
+        episodes, length = self.replay.episodes, self.settings.stretch
+        if self.noise is None or total >= len(episodes):
+            return episodes.stretches(total, length)
+        missed = self.replay.residuals((), self.every)
+        size = np.log1p((missed / scales_of(self.noise, self.settings)) ** 2).mean(1)
+        begins = np.arange(0, len(episodes) - length + 1, length)
+        worst = begins[np.argsort(-np.add.reduceat(size, begins))[: max(1, total // 2 // length)]]
+        return np.union1d(episodes.stretches(total // 2, length), worst[:, None] + np.arange(length))
+
+    @cached_property
+    def noise(self) -> Array | None:
+        """What the source misses of its own transitions, shape (n, entries); None where that is rounding."""
+        missed = None if self.own is None else self.own.residuals((), np.arange(len(self.own.episodes)))
+        return None if missed is None or float(np.max(np.abs(missed))) < self.settings.exact else missed
 
     def answer(self) -> Answer:
         """The whole search."""
         chosen = self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        while len(chosen.hypotheses) < self.settings.most and not self.is_exact(chosen, self.settings.exact_share):
+        while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
             chosen = self.focused(chosen)
             # Columns of a round before are a little off, and cost nothing; where they lead nowhere though something is missing, new ones may.
             fresh = not self.columns
             richer = self.grown(chosen)
-            if not self.is_noisy and not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
+            if not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
                 self.columns.clear()
                 richer = self.grown(chosen)
             if richer is None or not self.is_better(richer, chosen):
@@ -97,9 +114,15 @@ class Search:
         equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
         return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
 
-    def is_exact(self, model: Model, share: float) -> bool:
-        """Whether `model` leaves nothing but rounding in this share of the entries, of whole episodes: stretches begin with contacts that nobody remembers."""
-        return float(np.quantile(np.abs(self.replay.residuals(model.effects, self.every)), share)) < self.settings.exact
+    def is_lacking(self, model: Model, share: float) -> bool:
+        """Whether `model` leaves more than the right one would: than the source does of its own or, without noise, rounding in this share of the entries.
+
+        It is asked of whole episodes, since stretches begin with contacts that nobody remembers.
+        """
+        missed, settings = self.replay.residuals(model.effects, self.every), self.settings
+        if self.own is None or self.noise is None:
+            return float(np.quantile(np.abs(missed), share)) >= settings.exact
+        return likeness(self.replay.episodes, missed, self.own.episodes, self.noise, settings)[0] < settings.leftover
 
     def focused(self, model: Model) -> Model:
         """`model`, where it is exact but for some transitions judged on these, too: what acts seldom, as a limit does, shows nowhere else.
@@ -131,7 +154,7 @@ class Search:
 
     def chance(self, one: Model, other: Model) -> float:
         """By how much noise alone may make one of them the better."""
-        return self.settings.beyond_chance * chance_of(one, other, self.settings) if self.is_noisy else 0.0
+        return self.settings.beyond_chance * chance_of(one, other, self.settings) if self.noise is not None else 0.0
 
     def late(self, stage: str) -> bool:
         if self.clock.late:
@@ -171,7 +194,7 @@ class Search:
     def drafts(self, model: Model) -> list[Model]:
         """`model` with one hypothesis more, each of those that promise most, fitted to few transitions; the best first.
 
-        Those of one parameter come first: where one of them leaves nothing but rounding, none can be plainer, and nothing else is looked at.
+        Those of one parameter come first: where one of them leaves nothing but rounding or noise, none can be plainer, and nothing else is looked at.
         """
         settings, most = self.settings, 0.0
         found: list[Model] = []
@@ -186,7 +209,7 @@ class Search:
             found.sort(key=lambda one: one.description)
             # What is exact in the end need not be after these iterations.
             found[:1] = self.each(_fitted, (self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
-            if found and self.is_exact(found[0], settings.exact_draft):
+            if found and not self.is_lacking(found[0], settings.exact_draft):
                 break
         return found
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DiagnosisSettings, ReplaySettings
+from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.diagnosis.transitions.fit import Rows, description, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.diagnosis.transitions.replay import Replay
@@ -57,8 +58,9 @@ def trust_in(own: Replay, settings: ReplaySettings) -> tuple[float, float]:
 def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
-    Without noise what differs at all is a mismatch. With noise a permutation test: the score of each hypothesis (its effect's columns times what is missed) is
-    averaged over blocks of rows of the two, and the largest of all standardised differences is compared with those of blocks dealt anew.
+    Without noise what differs at all is a mismatch. With noise two permutation tests, each of which counts twice: stretches of rows of the two are dealt
+    anew, and the difference of the means of what is missed is compared with those of such deals; where that tells nothing, the score of each hypothesis
+    (its effect's columns times what is missed) on blocks of rows likewise, of which the largest standardised difference counts.
     """
     replay = settings.replay
     missed = target.residuals((), np.arange(len(target.episodes)))
@@ -69,13 +71,29 @@ def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few:
         line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else "and the target's.")
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
-    samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, few), (own, own.episodes.stretches(len(few), replay.stretch)))]
-    scores = workers.each(_scores, (samples, scale, replay), list(hypotheses))
-    first, second = (np.array(one).T for one in zip(*scores, strict=True))
-    p, bound = _permuted(first, second, replay.draws)
+    p, bound = likeness(target.episodes, missed, own.episodes, of_own, replay)
+    if 2 * p >= settings.choose.significance:
+        samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, few), (own, own.episodes.stretches(len(few), replay.stretch)))]
+        scores = workers.each(_scores, (samples, scale, replay), list(hypotheses))
+        first, second = (np.array(one).T for one in zip(*scores, strict=True))
+        p, bound = min((p, bound), _permuted(first, second, replay.draws))
+    p = min(2 * p, 1.0)
     explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
     return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
+
+
+def likeness(target: Episodes, missed: Array, own: Episodes, of_own: Array, settings: ReplaySettings) -> tuple[float, bool]:
+    """p of as much being `missed` of the transitions `target`, shape (n, entries), as the source misses of its `own`, and whether it is but a bound."""
+    scale = settings.softness * scales_of(of_own, settings)
+    return _permuted(_sizes(target, missed / scale, settings), _sizes(own, of_own / scale, settings), settings.draws)
+
+
+def _sizes(episodes: Episodes, missed: Array, settings: ReplaySettings) -> Array:
+    """How large what is `missed` is, mean over stretches of rows of one episode each, shape (stretches, 1)."""
+    episode = np.split(np.log1p(missed**2).mean(1), episodes.begins[1:])
+    parts = [part for one in episode for part in np.array_split(one, max(1, len(one) // settings.apart))]
+    return np.array([part.mean() for part in parts])[:, None]
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def unmask(
     if progress:
         progress.stage("fitting models", 0)
     with Workers(jobs) as workers:
-        search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None)
+        search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, nothing)
         test = compared(fitted, nothing, options, search.few, workers, settings)
         answer = search.answer() if test.is_mismatch else _nothing(search)
     result = concluded(whole, unseen, answer, test, settings, clock)

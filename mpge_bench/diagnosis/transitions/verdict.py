@@ -199,6 +199,7 @@ def _checks(replay: Replay, unseen: npt.NDArray[np.bool_]) -> tuple[str, ...]:
 
 def _trajectories(replay: Replay, chosen: Model, unseen: npt.NDArray[np.bool_], settings: DiagnosisSettings) -> tuple[Trajectory, ...]:
     """The longest episode's held-out end, predicted several steps ahead by the source and by the corrected one, entries of most mismatch first."""
+    replay = replace(replay, trust=(1.0, 1.0))
     episodes, robot = replay.episodes, replay.robot
     longest = int(np.argmax(episodes.counts))
     rows = episodes.begins[longest] + np.arange(episodes.counts[longest])

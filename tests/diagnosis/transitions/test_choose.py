@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions import pipeline
 from mpge_bench.diagnosis.transitions.choose import Search
-from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
 from mpge_bench.diagnosis.transitions.fit import standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
@@ -83,12 +83,14 @@ def test_with_noise_a_weak_motor_is_found_to_within_5_percent() -> None:
     assert effect.gain == pytest.approx(0.5, rel=0.05)  # type: ignore[attr-defined]
 
 
-def searched(task: Task, kinds: set[str], target: str, samples: int = 1000) -> Search:
+def searched(task: Task, kinds: set[str], target: str, samples: int = 1000, noise: float = 0.0) -> Search:
     """A finished search among hypotheses of these kinds on one target."""
     settings = DEFAULT.replay
-    found = Replay(task.robot, drawn(task, samples, 0.0, 0)[0], settings.settle, settings.worst)
+    found, own = (Replay(task.robot, one, settings.settle, settings.worst) for one in drawn(task, samples, noise, 0))
+    trust = trust_in(own, settings)
+    found, own = (dataclasses.replace(one, trust=trust) for one in (found, own))
     options = [one for one in hypotheses(task.robot, found.episodes, settings) if one.kind.name in kinds and one.targets == (target,)]
-    search = Search(found, options, Workers(1), Clock(0.0, math.inf), settings)
+    search = Search(found, options, Workers(1), Clock(0.0, math.inf), settings, own=own)
     search.answer()
     return search
 
@@ -109,6 +111,14 @@ def test_what_acts_in_few_transitions_is_found_exactly() -> None:
     search = searched(get_task("slippery_hopper"), {"contact_friction", "mass_scale"}, "foot")
     (effect,) = best(search)
     assert effect.coefficient == pytest.approx(0.4, rel=1e-6)  # type: ignore[attr-defined]
+
+
+def test_with_noise_what_acts_in_few_transitions_is_looked_for_in_these() -> None:
+    search = searched(get_task("slippery_hopper"), {"contact_friction", "mass_scale"}, "foot", noise=0.01)
+    (effect,) = best(search)
+    assert effect.coefficient == pytest.approx(0.4, rel=0.05)  # type: ignore[attr-defined]
+    even = search.replay.episodes.stretches(len(search.glance), search.settings.stretch)
+    assert np.abs(search.replay.residuals((), search.glance)).mean() > np.abs(search.replay.residuals((), even)).mean()
 
 
 def test_where_one_parameter_explains_all_none_of_several_is_looked_at() -> None:

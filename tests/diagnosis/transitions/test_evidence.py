@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.evidence import trust_in
+from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
 from mpge_bench.diagnosis.transitions.fit import description
+from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs import get_task
 from mpge_bench.unmask import drawn
@@ -34,3 +36,16 @@ def test_with_noise_so_much_is_put_right_that_the_source_predicts_its_own_best()
         return description(replace(found, trust=trust).residuals((), np.arange(200)), 0, SETTINGS)
 
     assert left(trust) < left((1.0, 1.0)) - 0.1
+
+
+def test_a_mismatch_that_shows_seldom_is_evident_and_nothing_is_not() -> None:
+    """A foot that slips does so in one transition of five; no hypothesis need be given for that to be seen."""
+    task = get_task("slippery_hopper")
+    target, source = drawn(task, 500, 0.01, 0)
+    nothing, _ = drawn(task.undone(), 500, 0.01, 0)
+    trust = trust_in(Replay(task.robot, source, SETTINGS.settle, SETTINGS.worst), SETTINGS)
+    found, same, known = (Replay(task.robot, one, SETTINGS.settle, SETTINGS.worst, trust) for one in (target, nothing, source))
+    options = hypotheses(task.robot, target, SETTINGS)[:3]
+    with Workers(1) as workers:
+        assert compared(found, known, options, np.arange(100), workers, DEFAULT).is_mismatch
+        assert not compared(same, known, options, np.arange(100), workers, DEFAULT).is_mismatch
