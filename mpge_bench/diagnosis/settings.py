@@ -220,6 +220,7 @@ class ReplaySettings:
     trusts: tuple[float, ...] = _setting((0.1, 0.2, 0.3, 0.5, 0.7, 1.0), "shares of a difference", "tried, of which the source's own transitions choose")
     beyond_chance: float = _setting(2.0, "standard errors", "between descriptions that are said to differ, where there is noise")
     checked: int = _setting(24, "hypotheses", "are looked at a second time, at the parameters that the first look proposes")
+    strides: tuple[float, ...] = _setting((4.0, 16.0), "times the first look's proposal", "tried, too: it falls short where the mismatch is large")
     tried: int = _setting(10, "hypotheses", "are fitted in each round")
     promising: float = _setting(0.05, "share of the best look's gain", "looks that promise less are not followed up")
     polished: int = _setting(3, "models", "of a round are fitted to the end")

@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.evidence import likeness
+from mpge_bench.diagnosis.transitions.evidence import best_trust, likeness
 from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted, model_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
@@ -169,29 +169,33 @@ class Search:
         return self.models[model.key]
 
     def each(self, work: Callable[..., object], shared: tuple[object, ...], items: Sequence[object]) -> list[object]:
-        found = self.workers.each(work, (self.replay, *shared), items, self.clock.deadline)
+        found = self.workers.each(work, shared, items, self.clock.deadline)
         if len(found) < len(items):
             self.cut["fitting hypotheses"] = None
         self.advance(len(found))
         return found
 
-    def looks(self, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
+    def drafted(self, model: Model) -> Replay:
+        """The replay for looks and drafts beside `model`: the more it lacks, the more of what it misses is put right, lest simulations go astray."""
+        return self.replay if self.noise is None else replace(self.replay, trust=best_trust(self.replay, model.effects, self.settings))
+
+    def looks(self, replay: Replay, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
         """Those of `hypotheses` that promise most beside `model`."""
         settings, known = self.settings, self.columns
-        glance, few = (model_of(self.replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
+        glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
         unknown = [one for one in hypotheses if one.key not in known]
-        columns: list[Columns] = self.each(columns_of, (glance, self.glance), unknown)  # type: ignore[assignment]
+        columns: list[Columns] = self.each(columns_of, (replay, glance, self.glance), unknown)  # type: ignore[assignment]
         known.update({one.hypothesis.key: one for one in columns})
         found = [look(glance, known[one.key], settings) for one in hypotheses if one.key in known and one.key not in model.key]
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
-        again: list[Look] = self.each(looked_again, (few, self.few, settings), found)  # type: ignore[assignment]
+        again: list[Look] = self.each(looked_again, (replay, few, self.few, settings), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
         _log.debug("looks %s", [(one.hypothesis.label, round(one.gain, 3)) for one in again])
         checked = {one.hypothesis.key for one in again}
         return [*again, *[one for one in found if one.hypothesis.key not in checked][: settings.tried // 2]]
 
-    def drafts(self, model: Model) -> list[Model]:
+    def drafts(self, replay: Replay, model: Model) -> list[Model]:
         """`model` with one hypothesis more, each of those that promise most, fitted to few transitions; the best first.
 
         Those of one parameter come first: where one of them leaves nothing but rounding or noise, none can be plainer, and nothing else is looked at.
@@ -199,16 +203,16 @@ class Search:
         settings, most = self.settings, 0.0
         found: list[Model] = []
         for plain in (True, False):
-            looks = self.looks(model, [one for one in self.hypotheses if (one.size == 1) is plain])
+            looks = self.looks(replay, model, [one for one in self.hypotheses if (one.size == 1) is plain])
             most = max([most, *(one.gain for one in looks)])
             looks = [one for one in looks if one.gain > settings.promising * most]
-            begun: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
+            begun: list[Model] = self.each(_drafted, (replay, model, self.few, settings), looks)  # type: ignore[assignment]
             begun.sort(key=lambda one: one.description)
             found += begun[settings.followed :]
-            found += self.each(_fitted, (self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
+            found += self.each(_fitted, (replay, self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
             found.sort(key=lambda one: one.description)
             # What is exact in the end need not be after these iterations.
-            found[:1] = self.each(_fitted, (self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
+            found[:1] = self.each(_fitted, (replay, self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
             if found and not self.is_lacking(found[0], settings.exact_draft):
                 break
         return found
@@ -216,14 +220,15 @@ class Search:
     def grown(self, model: Model) -> Model | None:
         """The best model of one hypothesis more, fitted to the end."""
         settings = self.settings
-        few = model_of(self.replay, model.hypotheses, model.values, self.few, settings)
-        drafts = self.drafts(model)
+        replay = self.drafted(model)
+        few = model_of(replay, model.hypotheses, model.values, self.few, settings)
+        drafts = self.drafts(replay, model)
         _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
         if not drafts or not self.is_better(drafts[0], few):
             return None
         # Those that describe as well as the best are all its rivals, however many.
         kept = [one for place, one in enumerate(drafts) if place < settings.polished or self.is_equal(one, drafts[0])]
-        ends: list[Model] = self.each(_fitted, (self.rows, settings, settings.iterations_polish), kept)  # type: ignore[assignment]
+        ends: list[Model] = self.each(_fitted, (self.replay, self.rows, settings, settings.iterations_polish), kept)  # type: ignore[assignment]
         for one in ends:
             self.add(one)
         if not ends:
@@ -247,7 +252,7 @@ class Search:
         if len(model.hypotheses) < 2:
             return model
         blamed = {target for one in model.hypotheses for target in one.targets}
-        nominal = model_of(self.replay, (), (), self.glance, self.settings)
+        nominal = model_of(self.drafted(self.models[frozenset()]), (), (), self.glance, self.settings)
         columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
         known = [look(nominal, one, self.settings) for one in columns]
         for one in sorted(known, key=lambda one: (one.hypothesis.size, -one.gain)):

@@ -17,6 +17,7 @@ from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.diagnosis.transitions.fit import Rows, description, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
@@ -43,14 +44,18 @@ class Comparison:
 
 
 def trust_in(own: Replay, settings: ReplaySettings) -> tuple[float, float]:
-    """The shares (positions', velocities') with which the source, put right by them, predicts its `own` transitions best; all where there is no noise."""
+    """`best_trust` of the source in its `own` transitions; all where there is no noise."""
     rows = own.episodes.heads(settings.fitted // own.robot.observation_size)
+    return (1.0, 1.0) if float(np.max(np.abs(own.residuals((), rows)))) < settings.exact else best_trust(own, (), settings)
+
+
+def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettings) -> tuple[float, float]:
+    """The shares (positions', velocities') of what is missed, put right by which the source with `effects` predicts the transitions best."""
+    rows = replay.episodes.heads(settings.fitted // replay.robot.observation_size)
 
     def left(trust: tuple[float, float]) -> float:
-        return description(replace(own, trust=trust).residuals((), rows), 0, settings)
+        return description(replace(replay, trust=trust).residuals(effects, rows), 0, settings)
 
-    if float(np.max(np.abs(own.residuals((), rows)))) < settings.exact:
-        return 1.0, 1.0
     places = min(settings.trusts, key=lambda share: left((share, 1.0)))
     return places, min(settings.trusts, key=lambda share: left((places, share)))
 

@@ -86,15 +86,24 @@ def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
 
 
 def looked_again(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
-    """`look` with the gain that its start really brings, or that of the best of the hypothesis's own starts where that is more."""
+    """`look` with the gain that its start really brings, or one several times as far on, or the best of the hypothesis's own starts."""
     scale = _scale(model.residuals, settings)
 
     def gain(start: Sequence[float]) -> float:
         return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, look.hypothesis], [*model.values, start]), rows), scale)
 
-    gains = {start: gain(start) for start in dict.fromkeys((look.start, look.other))}
+    starts = dict.fromkeys((look.start, look.other, *_further(look, settings)))
+    gains = {start: gain(start) for start in starts}
     best = max(gains, key=gains.__getitem__)
     return Look(look.hypothesis, gains[best], best, look.other)
+
+
+def _further(look: Look, settings: ReplaySettings) -> list[tuple[float, ...]]:
+    """Parameters several times as far from absence as `look` proposes: contacts that come sooner or later hide how large a large mismatch is."""
+    if look.hypothesis.absent is None:
+        return []
+    absent, (low, high) = np.array(look.hypothesis.absent), look.hypothesis.bounds
+    return [tuple(np.clip(absent + stride * (np.array(look.start) - absent), low, high).tolist()) for stride in settings.strides]
 
 
 def _scale(residuals: Array, settings: ReplaySettings) -> Array:
