@@ -19,6 +19,7 @@ from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted,
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
+from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -71,16 +72,16 @@ class Search:
         entries = self.replay.robot.observation_size
         self.every = np.arange(len(episodes))
         #: For first looks and, more of them, for drafts: of all kinds of motion.
-        self.glance, self.few = (self.spread(rows) for rows in (glimpsed, settings.drafted // entries))
+        self.glance, self.few = (self.spread(rows, ()) for rows in (glimpsed, settings.drafted // entries))
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
         self.rows = episodes.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
 
-    def spread(self, total: int) -> Rows:
-        """About `total` rows in stretches evenly spread and, with noise, half of them where the source misses most: what acts seldom shows there alone."""
+    def spread(self, total: int, effects: Sequence[Effect]) -> Rows:
+        """About `total` rows in stretches evenly spread; with noise half of them where `effects` leave most: what acts seldom shows there alone."""
         episodes, length = self.replay.episodes, self.settings.stretch
         if self.noise is None or total >= len(episodes):
             return episodes.stretches(total, length)
-        missed = self.replay.residuals((), self.every)
+        missed = self.replay.residuals(effects, self.every)
         size = np.log1p((missed / scales_of(self.noise, self.settings)) ** 2).mean(1)
         begins = np.arange(0, len(episodes) - length + 1, length)
         worst = begins[np.argsort(-np.add.reduceat(size, begins))[: max(1, total // 2 // length)]]
@@ -125,11 +126,14 @@ class Search:
         return likeness(self.replay.episodes, missed, self.own.episodes, self.noise, settings)[0] < settings.leftover
 
     def focused(self, model: Model) -> Model:
-        """`model`, where it is exact but for some transitions judged on these, too: what acts seldom, as a limit does, shows nowhere else.
+        """`model`, and the search turned to where it misses most: what acts seldom, as a limit does, shows nowhere else.
 
-        All models fitted before are forgotten then, since they were judged on others.
+        Where it is exact but for some transitions it is judged on these, too; all models fitted before are forgotten then, since they were judged on others.
         """
         settings = self.settings
+        if self.noise is not None and model.hypotheses:
+            self.glance, self.few = (self.spread(len(rows), model.effects) for rows in (self.glance, self.few))
+            self.columns.clear()
         if model.missed > settings.exact or model.key in self.shown:
             return model
         missed = np.abs(self.replay.residuals(model.effects, self.every)).max(1) > settings.exact
@@ -224,7 +228,8 @@ class Search:
         few = model_of(replay, model.hypotheses, model.values, self.few, settings)
         drafts = self.drafts(replay, model)
         _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
-        if not drafts or not self.is_better(drafts[0], few):
+        # Few transitions say little of chance: that is for the end.
+        if not drafts or drafts[0].description > few.description - settings.material:
             return None
         # Those that describe as well as the best are all its rivals, however many.
         kept = [one for place, one in enumerate(drafts) if place < settings.polished or self.is_equal(one, drafts[0])]
