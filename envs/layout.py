@@ -95,6 +95,7 @@ def _vector(turn: Array) -> Array:
 
 def _times(left: Array, right: Array) -> Array:
     """Products of quaternions x, y, z, w."""
-    a, b = left[..., :3], right[..., :3]
-    v, w = left[..., 3:], right[..., 3:]
-    return np.concatenate((v * b + w * a + np.cross(a, b), v * w - (a * b).sum(-1, keepdims=True)), -1)
+    # By components: several times faster than numpy's cross product for single quaternions.
+    (a, b, c, d), (x, y, z, w) = np.moveaxis(left, -1, 0), np.moveaxis(right, -1, 0)
+    product = (d * x + w * a + b * z - c * y, d * y + w * b + c * x - a * z, d * z + w * c + a * y - b * x, d * w - (a * x + b * y + c * z))
+    return np.stack(product, -1)

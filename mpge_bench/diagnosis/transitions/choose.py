@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Rows, fitted, model_of
+from mpge_bench.diagnosis.transitions.evidence import best_trust, likeness
+from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted, model_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
+from mpge_bench.envs.effects import Effect
 
+Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
 #: More than any robot has links.
 _EVERYTHING = 1000
@@ -52,61 +57,108 @@ class Search:
     clock: Clock
     settings: ReplaySettings
     advance: Callable[[int], None] = lambda steps: None
+    #: The source's own transitions, which tell with noise where nothing is left to be explained.
+    own: Replay | None = None
     models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
     cut: dict[str, None] = field(default_factory=dict)
-    columns: list[Columns] = field(default_factory=list)
+    columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
+    #: Models on whose misses the search has been focused.
+    shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         settings, episodes = self.settings, self.replay.episodes
         starts = sum(len(one.starts) for one in self.hypotheses)
-        few = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
-        #: For looks and drafts: of all kinds of motion.
-        self.few = episodes.stretches(few, settings.stretch)
+        glimpsed = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
+        entries = self.replay.robot.observation_size
+        self.every = np.arange(len(episodes))
+        #: For first looks and, more of them, for drafts: of all kinds of motion.
+        self.glance, self.few = (self.spread(rows, ()) for rows in (glimpsed, settings.drafted // entries))
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = episodes.heads(settings.fitted_rows)
+        self.rows = episodes.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
+
+    def spread(self, total: int, effects: Sequence[Effect]) -> Rows:
+        """About `total` rows in stretches evenly spread; with noise half of them where `effects` leave most: what acts seldom shows there alone."""
+        episodes, length = self.replay.episodes, self.settings.stretch
+        if self.noise is None or total >= len(episodes):
+            return episodes.stretches(total, length)
+        missed = self.replay.residuals(effects, self.every)
+        size = np.log1p((missed / scales_of(self.noise, self.settings)) ** 2).mean(1)
+        begins = np.arange(0, len(episodes) - length + 1, length)
+        worst = begins[np.argsort(-np.add.reduceat(size, begins))[: max(1, total // 2 // length)]]
+        return np.union1d(episodes.stretches(total // 2, length), worst[:, None] + np.arange(length))
+
+    @cached_property
+    def noise(self) -> Array | None:
+        """What the source misses of its own transitions, shape (n, entries); None where that is rounding."""
+        missed = None if self.own is None else self.own.residuals((), np.arange(len(self.own.episodes)))
+        return None if missed is None or float(np.max(np.abs(missed))) < self.settings.exact else missed
 
     def answer(self) -> Answer:
         """The whole search."""
         chosen = self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        while len(chosen.hypotheses) < self.settings.most and not chosen.is_exact(self.settings):
+        while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
             chosen = self.focused(chosen)
-            # Columns of a round before are a little off, and cost nothing; where they lead nowhere, new ones may.
+            # Columns of a round before are a little off, and cost nothing; where they lead nowhere though something is missing, new ones may.
             fresh = not self.columns
             richer = self.grown(chosen)
             if not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
-                self.columns = []
+                self.columns.clear()
                 richer = self.grown(chosen)
             if richer is None or not self.is_better(richer, chosen):
                 break
             chosen = richer
-        chosen = self.plainer(self.alone(self.needed(chosen)))
-        near = chosen.description + self.settings.equal
+        chosen = self.told(self.plainer(self.alone(self.needed(chosen))))
         # What has the answer in it and more is no other answer.
-        equals = sorted((one for one in self.models.values() if one.hypotheses and one.description < near and not one.key >= chosen.key), key=_plainness)
+        others = (one for one in self.models.values() if one.hypotheses and not one.key >= chosen.key)
+        equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
         return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
 
-    def focused(self, model: Model) -> Model:
-        """`model`, where it is exact but for some transitions judged on these, too: what acts seldom, as a limit does, shows nowhere else.
+    def is_lacking(self, model: Model, share: float) -> bool:
+        """Whether `model` leaves more than the right one would: than the source does of its own or, without noise, rounding in this share of the entries.
 
-        All models fitted before are forgotten then, since they were judged on others.
+        It is asked of whole episodes, since stretches begin with contacts that nobody remembers.
         """
-        every, settings = np.arange(len(self.replay.episodes)), self.settings
-        if model.missed > settings.exact or len(self.rows) == len(every):
+        missed, settings = self.replay.residuals(model.effects, self.every), self.settings
+        if self.own is None or self.noise is None:
+            return float(np.quantile(np.abs(missed), share)) >= settings.exact
+        return likeness(self.replay.episodes, missed, self.own.episodes, self.noise, settings)[0] < settings.leftover
+
+    def focused(self, model: Model) -> Model:
+        """`model`, and the search turned to where it misses most: what acts seldom, as a limit does, shows nowhere else.
+
+        Where it is exact but for some transitions it is judged on these, too; all models fitted before are forgotten then, since they were judged on others.
+        """
+        settings = self.settings
+        if self.noise is not None and model.hypotheses:
+            self.glance, self.few = (self.spread(len(rows), model.effects) for rows in (self.glance, self.few))
+            self.columns.clear()
+        if model.missed > settings.exact or model.key in self.shown:
             return model
-        missed = np.abs(self.replay.residuals(model.effects, every)).max(1) > settings.exact
+        missed = np.abs(self.replay.residuals(model.effects, self.every)).max(1) > settings.exact
         if not missed.any():
             return model
-        before = np.flatnonzero(missed)[:, None] - np.arange(settings.settle + 1)
+        self.shown.add(model.key)
+        before = np.flatnonzero(missed)[:, None] - np.arange(settings.stretch)
         shown = np.unique(np.maximum(before, 0))
-        self.few, self.rows, self.columns = shown[: settings.most_rows], np.union1d(self.rows, shown), []
+        self.glance, self.few, self.rows = shown[: len(self.glance)], shown[: len(self.few)], np.union1d(self.rows, shown)
+        settings = self.settings = replace(settings, typical=1 - float(missed[self.rows].mean()) / 2)
+        self.columns.clear()
         self.models.clear()
         self.add(model_of(self.replay, (), (), self.rows, settings))
         return self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, settings))
 
     def is_better(self, richer: Model | None, model: Model) -> bool:
-        return richer is not None and richer.description < model.description - self.settings.material
+        return richer is not None and richer.description < model.description - max(self.settings.material, self.chance(richer, model))
+
+    def is_equal(self, one: Model, other: Model) -> bool:
+        """Whether `one` describes as well as `other`."""
+        return one.description < other.description + max(self.settings.equal, self.chance(one, other))
+
+    def chance(self, one: Model, other: Model) -> float:
+        """By how much noise alone may make one of them the better."""
+        return self.settings.beyond_chance * chance_of(one, other, self.settings) if self.noise is not None else 0.0
 
     def late(self, stage: str) -> bool:
         if self.clock.late:
@@ -121,41 +173,73 @@ class Search:
         return self.models[model.key]
 
     def each(self, work: Callable[..., object], shared: tuple[object, ...], items: Sequence[object]) -> list[object]:
-        found = self.workers.each(work, (self.replay, *shared), items, self.clock.deadline)
+        found = self.workers.each(work, shared, items, self.clock.deadline)
         if len(found) < len(items):
             self.cut["fitting hypotheses"] = None
         self.advance(len(found))
         return found
 
-    def grown(self, model: Model) -> Model | None:
-        """The best model of one hypothesis more, fitted to the end."""
-        settings = self.settings
-        few = model_of(self.replay, model.hypotheses, model.values, self.few, settings)
-        if not self.columns:
-            self.columns = self.each(columns_of, (few, self.few), self.hypotheses)  # type: ignore[assignment]
-        looks = [look(few, one, settings) for one in self.columns if one.hypothesis.key not in model.key]
-        looks = sorted(looks, key=lambda one: -one.gain)[: settings.checked]
-        again: list[Look] = self.each(looked_again, (few, self.few, settings), looks)  # type: ignore[assignment]
+    def drafted(self, model: Model) -> Replay:
+        """The replay for looks and drafts beside `model`: the more it lacks, the more of what it misses is put right, lest simulations go astray."""
+        return self.replay if self.noise is None else replace(self.replay, trust=best_trust(self.replay, model.effects, self.settings))
+
+    def looks(self, replay: Replay, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
+        """Those of `hypotheses` that promise most beside `model`."""
+        settings, known = self.settings, self.columns
+        glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
+        unknown = [one for one in hypotheses if one.key not in known]
+        columns: list[Columns] = self.each(columns_of, (replay, glance, self.glance), unknown)  # type: ignore[assignment]
+        known.update({one.hypothesis.key: one for one in columns})
+        found = [look(glance, known[one.key], settings) for one in hypotheses if one.key in known and one.key not in model.key]
+        found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
+        again: list[Look] = self.each(looked_again, (replay, few, self.few, settings), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
         _log.debug("looks %s", [(one.hypothesis.label, round(one.gain, 3)) for one in again])
         checked = {one.hypothesis.key for one in again}
-        looks = [*again, *[one for one in looks if one.hypothesis.key not in checked][: settings.tried // 2]]
-        drafts: list[Model] = self.each(_drafted, (model, self.few, settings), looks)  # type: ignore[assignment]
-        drafts.sort(key=lambda one: one.description)
+        return [*again, *[one for one in found if one.hypothesis.key not in checked][: settings.tried // 2]]
+
+    def drafts(self, replay: Replay, model: Model) -> list[Model]:
+        """`model` with one hypothesis more, each of those that promise most, fitted to few transitions; the best first.
+
+        Those of one parameter come first: where one of them leaves nothing but rounding or noise, none can be plainer, and nothing else is looked at.
+        """
+        settings, most = self.settings, 0.0
+        found: list[Model] = []
+        for plain in (True, False):
+            looks = self.looks(replay, model, [one for one in self.hypotheses if (one.size == 1) is plain])
+            most = max([most, *(one.gain for one in looks)])
+            looks = [one for one in looks if one.gain > settings.promising * most]
+            begun: list[Model] = self.each(_drafted, (replay, model, self.few, settings), looks)  # type: ignore[assignment]
+            begun.sort(key=lambda one: one.description)
+            found += begun[settings.followed :]
+            found += self.each(_fitted, (replay, self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
+            found.sort(key=lambda one: one.description)
+            # What is exact in the end need not be after these iterations.
+            found[:1] = self.each(_fitted, (replay, self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
+            if found and not self.is_lacking(found[0], settings.exact_draft):
+                break
+        return found
+
+    def grown(self, model: Model) -> Model | None:
+        """The best model of one hypothesis more, fitted to the end."""
+        settings = self.settings
+        replay = self.drafted(model)
+        few = model_of(replay, model.hypotheses, model.values, self.few, settings)
+        drafts = self.drafts(replay, model)
         _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
-        if not drafts or not self.is_better(drafts[0], few):
+        # Few transitions say little of chance: that is for the end.
+        if not drafts or drafts[0].description > few.description - settings.material:
             return None
-        best = drafts[0].description
         # Those that describe as well as the best are all its rivals, however many.
-        kept = [one for place, one in enumerate(drafts) if place < settings.polished or one.description < best + settings.equal]
-        ends: list[Model] = self.each(_polished, (self.rows, settings), kept)  # type: ignore[assignment]
+        kept = [one for place, one in enumerate(drafts) if place < settings.polished or self.is_equal(one, drafts[0])]
+        ends: list[Model] = self.each(_fitted, (self.replay, self.rows, settings, settings.iterations_polish), kept)  # type: ignore[assignment]
         for one in ends:
             self.add(one)
         if not ends:
             return None
-        least = min(one.description for one in ends)
-        return min((one for one in ends if one.description < least + settings.equal), key=_plainness)
+        best = min(ends, key=lambda one: one.description)
+        return min((one for one in ends if self.is_equal(one, best)), key=_plainness)
 
     def needed(self, model: Model) -> Model:
         """`model` without the hypotheses that it can do without."""
@@ -164,7 +248,7 @@ class Search:
                 break
             rest = [(other, own) for other, own in zip(model.hypotheses, model.values, strict=True) if other is not one]
             less = self.add(self.fitted(*zip(*rest, strict=True)))
-            if less.description < model.description + self.settings.material:
+            if not self.is_better(model, less):
                 model = less
         return model
 
@@ -173,8 +257,9 @@ class Search:
         if len(model.hypotheses) < 2:
             return model
         blamed = {target for one in model.hypotheses for target in one.targets}
-        few = model_of(self.replay, (), (), self.few, self.settings)
-        known = [look(few, one, self.settings) for one in self.columns if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
+        nominal = model_of(self.drafted(self.models[frozenset()]), (), (), self.glance, self.settings)
+        columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
+        known = [look(nominal, one, self.settings) for one in columns]
         for one in sorted(known, key=lambda one: (one.hypothesis.size, -one.gain)):
             if self.late("one effect in the place of several"):
                 break
@@ -183,7 +268,7 @@ class Search:
             if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
                 continue
             tried = self.add(self.fitted(draft.hypotheses, draft.values))
-            if tried.description < model.description + self.settings.equal:
+            if self.is_equal(tried, model):
                 return tried
         return model
 
@@ -195,8 +280,19 @@ class Search:
                     continue
                 pairs = [(kept, own) for kept, own in zip(model.hypotheses, model.values, strict=True) if kept is not one]
                 tried = self.add(self.fitted(*zip(*[*pairs, (other, _start(other, model, one))], strict=True)))
-                if tried.description < model.description + self.settings.equal:
+                if self.is_equal(tried, model):
                     return self.plainer(tried)
+        return model
+
+    def told(self, model: Model) -> Model:
+        """`model` with each parameter that changes nothing, as the place of a load across a plane, at the value at which it is absent."""
+        for place, one in enumerate(model.hypotheses):
+            for index, absent in enumerate(one.absent or ()):
+                values = [list(own) for own in model.values]
+                values[place][index] = absent
+                tried = model_of(self.replay, model.hypotheses, values, self.rows, self.settings)
+                if float(np.max(np.abs(tried.residuals - model.residuals))) < self.settings.exact:
+                    self.models[model.key] = model = tried
         return model
 
     def fitted(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
@@ -216,8 +312,9 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
 
 
 def _drafted(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
-    return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations)
+    """The beginning of a fit."""
+    return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations_first)
 
 
-def _polished(replay: Replay, rows: Rows, settings: ReplaySettings, draft: Model) -> Model:
-    return fitted(replay, draft.hypotheses, draft.values, rows, settings, settings.iterations_polish)
+def _fitted(replay: Replay, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:
+    return fitted(replay, draft.hypotheses, draft.values, rows, settings, iterations)

@@ -6,16 +6,18 @@ Noise on a state that a step starts from does not average out where contacts ben
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DiagnosisSettings, ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Rows, scales_of
+from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.diagnosis.transitions.fit import Rows, description, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
@@ -41,11 +43,29 @@ class Comparison:
     said: str
 
 
+def trust_in(own: Replay, settings: ReplaySettings) -> tuple[float, float]:
+    """`best_trust` of the source in its `own` transitions; all where there is no noise."""
+    rows = own.episodes.heads(settings.fitted // own.robot.observation_size)
+    return (1.0, 1.0) if float(np.max(np.abs(own.residuals((), rows)))) < settings.exact else best_trust(own, (), settings)
+
+
+def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettings) -> tuple[float, float]:
+    """The shares (positions', velocities') of what is missed, put right by which the source with `effects` predicts the transitions best."""
+    rows = replay.episodes.heads(settings.fitted // replay.robot.observation_size)
+
+    def left(trust: tuple[float, float]) -> float:
+        return description(replace(replay, trust=trust).residuals(effects, rows), 0, settings)
+
+    places = min(settings.trusts, key=lambda share: left((share, 1.0)))
+    return places, min(settings.trusts, key=lambda share: left((places, share)))
+
+
 def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
-    Without noise what differs at all is a mismatch. With noise a permutation test: the score of each hypothesis (its effect's columns times what is missed) is
-    averaged over blocks of rows of the two, and the largest of all standardised differences is compared with those of blocks dealt anew.
+    Without noise what differs at all is a mismatch. With noise two permutation tests, each of which counts twice: stretches of rows of the two are dealt
+    anew, and the difference of the means of what is missed is compared with those of such deals; where that tells nothing, the score of each hypothesis
+    (its effect's columns times what is missed) on blocks of rows likewise, of which the largest standardised difference counts.
     """
     replay = settings.replay
     missed = target.residuals((), np.arange(len(target.episodes)))
@@ -56,23 +76,50 @@ def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few:
         line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else "and the target's.")
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
-    rows = [few, own.episodes.stretches(len(few), replay.stretch)]
-    tests = [workers.each(_scores, (one, at, scale, replay), list(hypotheses)) for one, at in zip((target, own), rows, strict=True)]
-    scores = [np.array(one).transpose(1, 0) for one in tests]
-    p, bound = _permuted(scores[0], scores[1], replay.draws)
+    p, bound = likeness(target.episodes, missed, own.episodes, of_own, replay)
+    if 2 * p >= settings.choose.significance:
+        samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, few), (own, own.episodes.stretches(len(few), replay.stretch)))]
+        scores = workers.each(_scores, (samples, scale, replay), list(hypotheses))
+        first, second = (np.array(one).T for one in zip(*scores, strict=True))
+        p, bound = min((p, bound), _permuted(first, second, replay.draws))
+    p = min(2 * p, 1.0)
     explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
     return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
 
 
-def _scores(replay: Replay, rows: Rows, scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> Array:
-    """Of one hypothesis, the mean over blocks of rows of what is missed along its effect, shape (blocks,)."""
-    missed = replay.residuals((), rows)
-    start = hypothesis.effects(parameters_of(hypothesis.starts[0]))
-    column = (missed - replay.residuals(in_order(start), rows)) / scale
-    weighted = missed / scale / (1 + (missed / scale) ** 2) * column / (1 + (column) ** 2) ** 0.5
-    blocks = np.arange(len(rows)) // settings.block
-    return np.asarray(np.bincount(blocks, weighted.sum(1)) / np.bincount(blocks))
+def likeness(target: Episodes, missed: Array, own: Episodes, of_own: Array, settings: ReplaySettings) -> tuple[float, bool]:
+    """p of as much being `missed` of the transitions `target`, shape (n, entries), as the source misses of its `own`, and whether it is but a bound."""
+    scale = settings.softness * scales_of(of_own, settings)
+    return _permuted(_sizes(target, missed / scale, settings), _sizes(own, of_own / scale, settings), settings.draws)
+
+
+def _sizes(episodes: Episodes, missed: Array, settings: ReplaySettings) -> Array:
+    """How large what is `missed` is, mean over stretches of rows of one episode each, shape (stretches, 1)."""
+    episode = np.split(np.log1p(missed**2).mean(1), episodes.begins[1:])
+    parts = [part for one in episode for part in np.array_split(one, max(1, len(one) // settings.apart))]
+    return np.array([part.mean() for part in parts])[:, None]
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Rows of transitions that are tested, and what the source misses of them, shape (rows, entries)."""
+
+    replay: Replay
+    rows: Rows
+    missed: Array
+
+
+def _scores(samples: Sequence[_Sample], scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> list[Array]:
+    """Of one hypothesis and each sample, the mean over blocks of rows of what is missed along its effect, shape (blocks,)."""
+    effects = in_order(hypothesis.effects(parameters_of(hypothesis.starts[0])))
+    found = []
+    for one in samples:
+        column = (one.missed - one.replay.residuals(effects, one.rows)) / scale
+        weighted = one.missed / scale / (1 + (one.missed / scale) ** 2) * column / (1 + column**2) ** 0.5
+        blocks = np.arange(len(one.rows)) // settings.block
+        found.append(np.bincount(blocks, weighted.sum(1)) / np.bincount(blocks))
+    return found
 
 
 def _permuted(first: Array, second: Array, draws: int) -> tuple[float, bool]:

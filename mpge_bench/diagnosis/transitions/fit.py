@@ -71,16 +71,29 @@ def model_of(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[
 
 def scales_of(residuals: Array, settings: ReplaySettings) -> Array:
     """Robust scale of each entry's residuals, shape (entries,)."""
-    medians = np.median(np.abs(residuals), axis=0)
-    return np.asarray(np.maximum(np.maximum(medians, settings.shared * np.median(medians)), settings.exact))
+    usual = np.quantile(np.abs(residuals), settings.typical, axis=0)
+    return np.asarray(np.maximum(np.maximum(usual, settings.shared * np.median(usual)), settings.exact))
+
+
+def nats_of(residuals: Array, settings: ReplaySettings) -> Array:
+    """Nats that each of `residuals` takes under a t distribution of its entry's own scale, up to a constant, shaped as they are."""
+    freedom = settings.freedom
+    # No rounding is any better than another.
+    residuals = np.where(np.abs(residuals) < settings.exact, 0.0, residuals)
+    scale = np.maximum(1.2 * np.median(np.abs(residuals), axis=0), settings.exact)
+    return np.asarray(np.log(scale) + (freedom + 1) / 2 * np.log1p((residuals / scale) ** 2 / freedom))
 
 
 def description(residuals: Array, size: int, settings: ReplaySettings) -> float:
-    """Nats an entry that `residuals` take under a t distribution of each entry's own scale, and `size` parameters (Schwarz 1978)."""
-    freedom = settings.freedom
-    scale = np.maximum(1.2 * np.median(np.abs(residuals), axis=0), settings.exact)
-    nats = np.log(scale) + (freedom + 1) / 2 * np.log1p((residuals / scale) ** 2 / freedom)
-    return float(nats.mean() + size * np.log(residuals.size) / (2 * residuals.size))
+    """Nats an entry that `residuals` take, and `size` parameters (Schwarz 1978)."""
+    return float(nats_of(residuals, settings).mean() + size * np.log(residuals.size) / (2 * residuals.size))
+
+
+def chance_of(one: Model, other: Model, settings: ReplaySettings) -> float:
+    """How much their descriptions, of the same rows, differ by chance: the standard error from stretches of rows, nats an entry (Vuong 1989)."""
+    found = (nats_of(one.residuals, settings) - nats_of(other.residuals, settings)).mean(1)
+    stretches = [part.mean() for part in np.array_split(found, max(2, len(found) // settings.stretch))]
+    return float(np.std(stretches) / np.sqrt(len(stretches)))
 
 
 def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int) -> Model:
@@ -99,13 +112,13 @@ def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Se
     def left(at: Array) -> Array:
         return replay.residuals(effects_of(hypotheses, [own.tolist() for own in parted(at)]), rows)
 
-    residuals, damping = left(at), 1e-3
+    residuals, damping, difference = left(at), 1e-3, settings.difference
     for _ in range(iterations):
         if float(np.max(np.abs(residuals))) < settings.exact**2:
             break
         scale = settings.softness * scales_of(residuals, settings)
         weights = 1 / (scale**2 * (1 + (residuals / scale) ** 2))
-        slopes = _slopes(left, residuals, at, unit, low, high, settings.difference)
+        slopes = _slopes(left, residuals, at, unit, low, high, difference)
         weights *= _smooth(slopes.reshape(len(at), *residuals.shape), settings)
         slopes = slopes.reshape(len(at), -1)
         gram, along = (slopes * weights.ravel()) @ slopes.T, (slopes * weights.ravel()) @ residuals.ravel()
@@ -120,6 +133,8 @@ def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Se
             damping = max(10 * damping, 1e-3)
         if gained <= 0:
             break
+        # Where the motion bends, slopes over more than the last step are not those at the end of it.
+        difference = float(np.clip(np.abs((trial - at) / unit).max(), settings.least_difference, settings.difference))
         at, residuals, damping = trial, missed, damping / 30
         unit = np.maximum(np.abs(at), 0.1 * unit)
         if gained < settings.converged * cost:
@@ -142,11 +157,13 @@ def _unit(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
 def _smooth(slopes: Array, settings: ReplaySettings) -> Array:
     """1 for rows in which the predictions answer in proportion, 0 for those in which they jump, as where a contact comes a step sooner; shape (rows, 1).
 
-    A jump over a small difference looks like an enormous slope.
+    A jump over a small difference looks like an enormous slope. What is usual is told by the rows that answer at all: a limit acts on few.
     """
     size = np.abs(slopes)
-    usual = settings.jump * np.quantile(size, 0.9, axis=1, keepdims=True)
-    return np.asarray(np.all(size <= usual, axis=(0, 2)), float)[:, None]
+    answers = size > settings.answers * size.max(axis=1, keepdims=True)
+    told = np.where(answers | ~answers.any(axis=1, keepdims=True), size, np.nan)
+    usual = np.nanquantile(told, 0.9, axis=1, keepdims=True)
+    return np.asarray(np.all(size <= settings.jump * usual, axis=(0, 2)), float)[:, None]
 
 
 def _slopes(left: Callable[[Array], Array], residuals: Array, at: Array, unit: Array, low: Array, high: Array, difference: float) -> Array:

@@ -125,7 +125,7 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
             mass=mass,
             length=max(float(np.linalg.norm(centre)), settings.least_length),
             period=robot.dt,
-            duration=max(shortest, 2) * robot.dt,
+            duration=float(np.clip(shortest, 2, settings.remembered)) * robot.dt,
             gravity=(0.0, 0.0, robot.gravity),
             damping=losses.get(joint, (0.0, 0.0))[0],
             rotor=robot.armature.get(joint, 0.0),

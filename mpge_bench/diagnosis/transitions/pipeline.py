@@ -21,7 +21,7 @@ from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer, Search
 from mpge_bench.diagnosis.transitions.episodes import Episodes, checked
-from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
@@ -71,13 +71,14 @@ def unmask(
     clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
     found, replay = checked(target, robot, "transitions"), settings.replay
     unseen = found.places >= np.ceil((1 - replay.unseen) * found.lengths)
-    whole, fitted = (Replay(robot, one, replay.settle, replay.worst) for one in (found, found.part(~unseen)))
+    nothing = Replay(robot, checked(own, robot, "the source's transitions"), replay.settle, replay.worst)
+    trust = trust_in(nothing, replay)
+    whole, fitted, nothing = (Replay(robot, one, replay.settle, replay.worst, trust) for one in (found, found.part(~unseen), nothing.episodes))
     options = hypotheses(robot, fitted.episodes, replay)
     if progress:
         progress.stage("fitting models", 0)
     with Workers(jobs) as workers:
-        search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None)
-        nothing = Replay(robot, checked(own, robot, "the source's transitions"), replay.settle, replay.worst)
+        search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, nothing)
         test = compared(fitted, nothing, options, search.few, workers, settings)
         answer = search.answer() if test.is_mismatch else _nothing(search)
     result = concluded(whole, unseen, answer, test, settings, clock)

@@ -1,13 +1,16 @@
 """Transitions as the simulator with any effects predicts them: taken along the episodes step by step, and put right after each.
 
-Only what the observations tell is put right. What they do not (motors on springs, commands on their way, slipping gears of rotors, cached contacts) goes on
-as the simulator has it, so that under the true effects every prediction is exact, whatever the target remembers.
+Only what the observations tell is put right, and where they are noisy not all of it. What they do not tell (motors on springs, commands on their way,
+slipping gears of rotors, cached contacts) goes on as the simulator has it, so that under the true effects every prediction is exact, whatever the target
+remembers.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +20,7 @@ from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.env import RobotEnv
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.robots import Robot
 from mpge_bench.envs.world import World
 
@@ -42,12 +46,15 @@ class Replay:
     Attributes:
         settle: rows at the beginning of a stretch that starts within an episode, in which nobody knows what the simulator remembers.
         worst: residuals are cut off at, in spreads of the change in a control step.
+        trust: shares of the differences in positions and in velocities that are put right after each step. With noise less than all: a prediction then
+            starts from what many readings say, not from the last alone, as that of an observer with fixed gains (Luenberger 1966).
     """
 
     robot: Robot
     episodes: Episodes
     settle: int
     worst: float
+    trust: tuple[float, float] = (1.0, 1.0)
 
     def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
         """What the simulator with `effects` misses of the next observations, in spreads of their change in a control step.
@@ -78,21 +85,25 @@ class Replay:
         """
         robot, episodes = self.robot, self.episodes
         env, world = environment(robot, effects)
-        layout = world.layout
-        follows, places = episodes.follows, episodes.places
+        layout, states = world.layout, self._states
+        follows, places, actions = episodes.follows, episodes.places, episodes.actions.tolist()
         predicted, settled = np.empty((len(rows), robot.observation_size)), np.ones(len(rows), bool)
-        at, unknown = -2, 0
+        at, unknown, reached, trust = -2, 0, np.empty(0), np.repeat(self.trust, layout.nv)
         for line, row in enumerate(rows.tolist()):
-            recorded, goes_on = episodes.observations[row], follows[row] and at == row - 1
-            if not goes_on or not np.isfinite(predicted[line - 1]).all():
-                world.set_state(*robot.state(recorded))
+            goes_on = follows[row] and at == row - 1
+            if not goes_on or not math.isfinite(reached.sum()):
+                world.set_state(layout.q(states[row]), layout.dq(states[row]))
                 unknown = self.settle if follows[row] else 0
-            elif places[row] % every == 0 and not np.array_equal(predicted[line - 1], recorded):
-                here, there = (layout.state(*robot.state(one)) for one in (recorded, predicted[line - 1]))
-                world.displace(layout.minus(here, there))
+            elif places[row] % every == 0 and reached.tolist() != episodes.observations[row].tolist():
+                world.displace(trust * layout.minus(states[row], layout.state(*robot.state(reached))))
             settled[line] = unknown <= 0
             unknown -= 1
-            world.step(env.commanded(episodes.actions[row].tolist()))
-            predicted[line] = robot.observation(*world.read())
+            world.step(env.commanded(actions[row]))
+            reached = predicted[line] = robot.observation(*world.read())
             at = row
         return predicted, settled
+
+    @cached_property
+    def _states(self) -> Array:
+        """States (q, dq) of the robot at the beginnings of all transitions, one a row."""
+        return np.array([Layout.state(*self.robot.state(one)) for one in self.episodes.observations])

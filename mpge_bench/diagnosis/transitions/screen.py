@@ -38,11 +38,13 @@ class Look:
     Attributes:
         gain: share of the robust cost that the hypothesis could take away, as far as the look says.
         start: parameters from which to fit it.
+        other: the best of the hypothesis's own starts.
     """
 
     hypothesis: Hypothesis
     gain: float
     start: tuple[float, ...]
+    other: tuple[float, ...]
 
 
 def columns_of(replay: Replay, model: Model, rows: Rows, hypothesis: Hypothesis) -> Columns:
@@ -59,11 +61,12 @@ def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
     weights = 1 / (scale * np.sqrt(1 + (residuals / scale) ** 2))
     costs = [_share(residuals, residuals - change, scale) for change in known.changes]
     best = int(np.argmax(costs))
-    found = Look(hypothesis, costs[best], tuple(starts[best].tolist()))
+    other = tuple(starts[best].tolist())
+    found = Look(hypothesis, costs[best], other, other)
     columns, own = (known.changes * weights).reshape(len(starts), -1), (residuals * weights).ravel()
     length = np.linalg.norm(columns, axis=1)
     alive = length > 1e-9
-    if hypothesis.absent is None or not alive.any():
+    if hypothesis.absent is None or not alive.any() or not own.any():
         return found
     absent = np.array(hypothesis.absent)
     moves = starts - absent
@@ -79,27 +82,32 @@ def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
     if gain <= found.gain:
         return found
     low, high = hypothesis.bounds
-    return Look(hypothesis, gain, tuple(np.clip(start, low, high).tolist()))
+    return Look(hypothesis, gain, tuple(np.clip(start, low, high).tolist()), other)
 
 
 def looked_again(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
-    """`look` with the gain that its start really brings, or that of the best of the hypothesis's own starts where that is more."""
+    """`look` with the gain that its start really brings, or one several times as far on, or the best of the hypothesis's own starts."""
     scale = _scale(model.residuals, settings)
 
     def gain(start: Sequence[float]) -> float:
         return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, look.hypothesis], [*model.values, start]), rows), scale)
 
-    starts = [look.start, *(tuple(parameters_of(one)) for one in look.hypothesis.starts)]
-    gains = [gain(start) for start in starts]
-    best = int(np.argmax(gains))
-    return Look(look.hypothesis, gains[best], starts[best])
+    starts = dict.fromkeys((look.start, look.other, *_further(look, settings)))
+    gains = {start: gain(start) for start in starts}
+    best = max(gains, key=gains.__getitem__)
+    return Look(look.hypothesis, gains[best], best, look.other)
+
+
+def _further(look: Look, settings: ReplaySettings) -> list[tuple[float, ...]]:
+    """Parameters several times as far from absence as `look` proposes: contacts that come sooner or later hide how large a large mismatch is."""
+    if look.hypothesis.absent is None:
+        return []
+    absent, (low, high) = np.array(look.hypothesis.absent), look.hypothesis.bounds
+    return [tuple(np.clip(absent + stride * (np.array(look.start) - absent), low, high).tolist()) for stride in settings.strides]
 
 
 def _scale(residuals: Array, settings: ReplaySettings) -> Array:
-    """Beyond which residuals count less, shape (entries,): where most are but rounding, that of those that are not, as of a limit that is seldom reached."""
-    size = np.abs(residuals)
-    if float(np.median(size)) < settings.exact < float(size.max()):
-        return np.full(residuals.shape[1], settings.softness * float(np.median(size[size > settings.exact])))
+    """Beyond which residuals count less, shape (entries,)."""
     return settings.softness * scales_of(residuals, settings)
 
 

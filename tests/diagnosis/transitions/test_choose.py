@@ -16,16 +16,17 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions import pipeline
 from mpge_bench.diagnosis.transitions.choose import Search
-from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
 from mpge_bench.diagnosis.transitions.fit import standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs import Task, get_task
+from mpge_bench.envs.effects import AttachedMass, Effect
 from mpge_bench.unmask import drawn
 
 #: Fewer rows, so that tests take seconds.
-QUICK = dataclasses.replace(DEFAULT, replay=dataclasses.replace(DEFAULT.replay, screening=8_000, fitted_rows=110))
+QUICK = dataclasses.replace(DEFAULT, replay=dataclasses.replace(DEFAULT.replay, screening=8_000, fitted=1_200))
 
 
 def unmask(task: Task, noise: float = 0.0, samples: int = 150) -> pipeline.Unmasked:
@@ -80,6 +81,65 @@ def test_with_noise_a_weak_motor_is_found_to_within_5_percent() -> None:
     half = DEFAULT.verdict.interval * standard_errors(found, answer.chosen, answer.rows, settings)[0]
     assert 0.0 < half < 0.05
     assert effect.gain == pytest.approx(0.5, rel=0.05)  # type: ignore[attr-defined]
+
+
+def searched(task: Task, kinds: set[str], target: str, samples: int = 1000, noise: float = 0.0) -> Search:
+    """A finished search among hypotheses of these kinds on one target."""
+    settings = DEFAULT.replay
+    found, own = (Replay(task.robot, one, settings.settle, settings.worst) for one in drawn(task, samples, noise, 0))
+    trust = trust_in(own, settings)
+    found, own = (dataclasses.replace(one, trust=trust) for one in (found, own))
+    options = [one for one in hypotheses(task.robot, found.episodes, settings) if one.kind.name in kinds and one.targets == (target,)]
+    search = Search(found, options, Workers(1), Clock(0.0, math.inf), settings, own=own)
+    search.answer()
+    return search
+
+
+def best(search: Search) -> list[Effect]:
+    return list(min(search.models.values(), key=lambda one: one.description).effects)
+
+
+def test_a_limit_that_few_transitions_reach_is_found_behind_what_all_show() -> None:
+    task = get_task("biased_pendulum")
+    found = best(searched(task, {"torque_bias", "torque_limit", "torque_gain", "dead_zone"}, "slider"))
+    assert [one.name for one in found] == ["torque_bias", "torque_limit"]
+    assert [one.torque for one in found] == pytest.approx([150.0, 300.0], rel=1e-6)  # type: ignore[attr-defined]
+
+
+def test_what_acts_in_few_transitions_is_found_exactly() -> None:
+    """Most of the time a foot sticks or flies, whatever its friction."""
+    search = searched(get_task("slippery_hopper"), {"contact_friction", "mass_scale"}, "foot")
+    (effect,) = best(search)
+    assert effect.coefficient == pytest.approx(0.4, rel=1e-6)  # type: ignore[attr-defined]
+
+
+def test_with_noise_what_acts_in_few_transitions_is_looked_for_in_these() -> None:
+    search = searched(get_task("slippery_hopper"), {"contact_friction", "mass_scale"}, "foot", noise=0.01)
+    (effect,) = best(search)
+    assert effect.coefficient == pytest.approx(0.4, rel=0.05)  # type: ignore[attr-defined]
+    even = search.replay.episodes.stretches(len(search.glance), search.settings.stretch)
+    assert np.abs(search.replay.residuals((), search.glance)).mean() > np.abs(search.replay.residuals((), even)).mean()
+
+
+def test_where_one_parameter_explains_all_none_of_several_is_looked_at() -> None:
+    search = searched(get_task("heavy_pendulum"), {"mass_scale", "payload", "link_size"}, "pole", 200)
+    assert [name for name, _ in search.columns] == ["mass_scale"]
+
+
+def test_a_parameter_that_changes_nothing_is_left_where_it_is_absent() -> None:
+    """A planar robot does not show how far to its side a load lies."""
+    (effect,) = best(searched(get_task("loaded_walker"), {"attached_mass"}, "torso", 300))
+    assert isinstance(effect, AttachedMass)
+    assert (effect.mass, effect.x, effect.z) == pytest.approx((3.0, 0.15, 0.1), rel=1e-6)
+    assert effect.y == 0.0
+
+
+def test_delays_are_sought_within_what_is_known_of_a_stretch() -> None:
+    task, settings = get_task("delayed_cheetah"), DEFAULT.replay
+    found = hypotheses(task.robot, drawn(task, 300, 0.0, 1)[0], settings)
+    delay = next(one for one in found if one.kind.name == "delay")
+    longest = max(one.seconds for one in delay.starts)  # type: ignore[attr-defined]
+    assert longest <= settings.settle * task.robot.dt
 
 
 def test_the_command_says_what_was_changed_and_writes_a_pair_that_can_be_run(tmp_path: Path) -> None:

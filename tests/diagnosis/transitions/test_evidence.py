@@ -1,0 +1,51 @@
+"""What the source's own transitions say of the noise, and whether the target's are anything else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
+from mpge_bench.diagnosis.transitions.fit import description
+from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.envs import get_task
+from mpge_bench.unmask import drawn
+
+SETTINGS = DEFAULT.replay
+
+
+def own(noise: float) -> Replay:
+    task = get_task("heavy_hopper")
+    return Replay(task.robot, drawn(task, 200, noise, 1)[1], SETTINGS.settle, SETTINGS.worst)
+
+
+def test_without_noise_all_is_put_right() -> None:
+    assert trust_in(own(0.0), SETTINGS) == (1.0, 1.0)
+
+
+def test_with_noise_so_much_is_put_right_that_the_source_predicts_its_own_best() -> None:
+    found = own(0.01)
+    trust = trust_in(found, SETTINGS)
+    assert trust[0] < 1.0
+
+    def left(trust: tuple[float, float]) -> float:
+        return description(replace(found, trust=trust).residuals((), np.arange(200)), 0, SETTINGS)
+
+    assert left(trust) < left((1.0, 1.0)) - 0.1
+
+
+def test_a_mismatch_that_shows_seldom_is_evident_and_nothing_is_not() -> None:
+    """A foot that slips does so in one transition of five; no hypothesis need be given for that to be seen."""
+    task = get_task("slippery_hopper")
+    target, source = drawn(task, 500, 0.01, 0)
+    nothing, _ = drawn(task.undone(), 500, 0.01, 0)
+    trust = trust_in(Replay(task.robot, source, SETTINGS.settle, SETTINGS.worst), SETTINGS)
+    found, same, known = (Replay(task.robot, one, SETTINGS.settle, SETTINGS.worst, trust) for one in (target, nothing, source))
+    options = hypotheses(task.robot, target, SETTINGS)[:3]
+    with Workers(1) as workers:
+        assert compared(found, known, options, np.arange(100), workers, DEFAULT).is_mismatch
+        assert not compared(same, known, options, np.arange(100), workers, DEFAULT).is_mismatch

@@ -1,0 +1,46 @@
+"""Fits in the simulator itself, and how long it takes to write down what they leave."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.fit import Model, _smooth, chance_of, description, fitted
+from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.replay import Replay
+from mpge_bench.envs import get_task
+from mpge_bench.unmask import drawn
+
+SETTINGS = DEFAULT.replay
+
+
+def test_a_fit_without_noise_ends_at_the_truth() -> None:
+    task = get_task("broken_hopper@0.5")
+    found = Replay(task.robot, drawn(task, 120, 0.0, 1)[0], SETTINGS.settle, SETTINGS.worst)
+    gain = next(one for one in hypotheses(task.robot, found.episodes, SETTINGS) if one.key == ("torque_gain", ("thigh_joint",)))
+    model = fitted(found, (gain,), ((0.9,),), np.arange(120), SETTINGS, 15)
+    assert model.values[0][0] == pytest.approx(0.5, rel=1e-9)
+    assert model.is_exact(SETTINGS)
+
+
+def test_rows_in_which_predictions_jump_do_not_count_and_the_few_that_answer_do() -> None:
+    slopes = np.zeros((1, 200, 2))
+    slopes[0, :15] = np.random.default_rng(0).uniform(1, 2, (15, 2))
+    slopes[0, 3] = 1e6
+    counted = _smooth(slopes, SETTINGS)[:, 0]
+    assert np.flatnonzero(counted == 0).tolist() == [3]
+
+
+def test_no_rounding_is_better_than_another() -> None:
+    residuals = np.full((50, 3), 1e-12)
+    assert description(residuals, 1, SETTINGS) == description(10 * residuals, 1, SETTINGS)
+    assert description(residuals, 1, SETTINGS) < description(residuals + 1e-6, 1, SETTINGS)
+
+
+def test_descriptions_differ_by_chance_as_much_as_stretches_of_rows_do() -> None:
+    noise = np.random.default_rng(0).normal(size=(600, 4))
+    model, shaken, worse = (Model((), (), one, 0.0) for one in (noise, np.random.default_rng(1).permutation(noise), 1.5 * noise))
+    assert chance_of(model, model, SETTINGS) == 0.0
+    assert 0.0 < chance_of(model, worse, SETTINGS) < 0.01
+    assert chance_of(model, shaken, SETTINGS) > 0.01
