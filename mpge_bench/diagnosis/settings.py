@@ -43,6 +43,13 @@ class DataSettings:
     smoothing: float = _setting(0.035, "s", "half the width of the local cubics: shorter than the motion's features, longer than the noise's")
     unseen: float = _setting(0.25, "share", "of the recordings, or of the time of each, that neither fits nor choices look at")
     few: int = _setting(3, "recordings", "below which there is none to spare for each of fitting, choosing and judging: they are cut in time")
+    quaternion: float = _setting(0.01, "1", "quaternions written with two digits are off by less; others are no orientations")
+    jump: float = _setting(8.0, "times", "the speed of the rows around: impacts stop a body or turn it round, but nothing hurls it for a single row")
+    jump_place: float = _setting(1.0, "m/s", "and beyond that by as much, lest a body at rest be said to jump")
+    jump_turn: float = _setting(15.0, "rad/s", "the same of its orientation; what tips over is fast for a moment")
+    fall: float = _setting(0.05, "s", "over which it is asked whether a body falls: what falls for twice as long falls 5 cm")
+    falls: float = _setting(0.5, "share of gravity", "a downward acceleration below it is no free fall")
+    held: float = _setting(0.2, "share of the rows", "in which a body must not fall before something is said to carry it")
     encoder_share: float = _setting(0.5, "share of the rows", "an encoder repeats its few values; a fine sensor hardly ever does")
     encoder_percentile: float = _setting(5.0, "percent", "the smallest differences of distinct values are one step; a few are rounding")
 
@@ -238,6 +245,24 @@ class ReplaySettings:
 
 
 @dataclass(frozen=True)
+class FreeSettings:
+    """Of recordings of what moves freely or touches something (`mpge_bench.diagnosis.free`)."""
+
+    smoothing: float = _setting(0.02, "s", "half the width of the parabolas that give velocities: a few rows between two impacts")
+    least_noise: float = _setting(1e-5, "m, rad", "recordings made by a simulator may have none at all")
+    late: float = _setting(0.25, "rows", "recorded velocities that lag by more are difference quotients, half a row late")
+    doubt: float = _setting(2.0, "times", "what the noise makes of a parabola's slope: motion is no parabola")
+    even: float = _setting(0.05, "rows", "rows may come that much sooner or later")
+    window: float = _setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")
+    fewest_rows: int = _setting(5, "rows", "of a window: fewer are nothing but their start")
+    moved: float = _setting(30.0, "standard deviations of q", "what moves less within a window tells nothing")
+    windows: int = _setting(400, "windows", "of what is searched on, at most: a second or two of simulator for each model")
+    unseen_windows: int = _setting(200, "windows", "that are held out, at most")
+    outlying: float = _setting(5.0, "standard deviations", "what is missed by more tells of the simulator, not of where a window started")
+    worst: float = _setting(1e5, "standard deviations", "residuals are cut off at, lest a simulation that flies apart decide")
+
+
+@dataclass(frozen=True)
 class DiagnosisSettings:
     """All of them, by stage."""
 
@@ -248,6 +273,7 @@ class DiagnosisSettings:
     choose: ChooseSettings = ChooseSettings()
     verdict: VerdictSettings = VerdictSettings()
     replay: ReplaySettings = ReplaySettings()
+    free: FreeSettings = FreeSettings()
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain values by stage and name, as diagnosis.json holds them."""

@@ -1,0 +1,193 @@
+"""Short windows of recordings, predicted by the simulator from starts that are fitted: as far from what was recorded as its noise makes likely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.free.motion import Motion, Noise
+from mpge_bench.diagnosis.free.simulator import Simulator
+from mpge_bench.diagnosis.settings import FreeSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import Layout
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """n windows of so many rows each, all of the same length.
+
+    Attributes:
+        simulator: that predicts them.
+        recording: which of the recordings each is of, shape (n,).
+        first: the row of its start, shape (n,).
+        u: commands from the start on, shape (n, rows, joints).
+        past: commands and states of the rows before.
+        start: state as it was recorded or smoothed, shape (n, nq + nv).
+        spread: how far that may be off, one standard deviation, shape (n, 2 nv).
+        measured: coordinates at the rows after the start, shape (n, rows, nq).
+        noise: of coordinates, along the tangent, shape (nv,).
+        shift: change of the start about which the simulator is linearised, shape (n, 2 nv).
+        slopes: derivatives of what it misses by that change, in standard deviations of `noise`, shape (n, rows · nv, 2 nv).
+        settings: of the whole.
+    """
+
+    simulator: Simulator
+    recording: Rows
+    first: Rows
+    u: Array
+    past: tuple[tuple[Array, Array], ...]
+    start: Array
+    spread: Array
+    measured: Array
+    noise: Array
+    shift: Array
+    slopes: Array
+    settings: FreeSettings
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def layout(self) -> Layout:
+        """Of its states."""
+        return self.simulator.rig.layout
+
+    def part(self, chosen: npt.NDArray[np.bool_] | Rows) -> Windows:
+        """Some of the windows."""
+        index = np.arange(len(self))[chosen]
+        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes")
+        return replace(self, past=tuple(self.past[one] for one in index), **{name: getattr(self, name)[index] for name in names})
+
+    def heads(self, total: int) -> Rows:
+        """About `total` windows, evenly spread; all if there are no more."""
+        return np.unique(np.linspace(0, len(self) - 1, min(total, len(self))).round().astype(np.int64))
+
+    def stretches(self, total: int, length: int) -> Rows:
+        """As `heads`: every window has its own start."""
+        return self.heads(total)
+
+    def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
+        """What the simulator with `effects` misses, from the starts that are likeliest given both what was recorded at them and after them.
+
+        Returns:
+            What is missed of each coordinate at each row, in standard deviations of the noise, then how far the start lies from what was recorded of it,
+            in standard deviations of that, shape (windows, rows · nv + 2 nv); cut off at the settings' `worst`, which also stands for a simulation that
+            fails.
+        """
+        size = self.slopes.shape[1] + self.slopes.shape[2]
+        try:
+            found = self.predicted(effects, rows)
+        except UserError:
+            return np.full((len(rows), size), self.settings.worst)
+        missed = np.concatenate((self.missed(found[0], rows), found[1] / self.spread[rows]), 1)
+        worst = self.settings.worst
+        return np.asarray(np.clip(np.nan_to_num(missed, nan=worst, posinf=worst, neginf=-worst), -worst, worst))
+
+    def predicted(self, effects: Sequence[Effect], rows: Rows) -> tuple[Array, Array]:
+        """States from the likeliest starts, shape (windows, rows, nq + nv), and what these differ from the recorded ones by, shape (windows, 2 nv).
+
+        Raises:
+            UserError: if an effect cannot be installed, or the simulation fails.
+        """
+        shift = self.shift[rows]
+        first = self._rolled(effects, rows, shift)
+        missed, slopes = self.missed(first, rows), self.slopes[rows]
+        # What is missed by far tells of the simulator, not of the start.
+        weights = 1 / (1 + (missed / self.settings.outlying) ** 2)
+        weighted = slopes * weights[..., None]
+        trust = 1 / self.spread[rows] ** 2
+        gram = np.einsum("wei,wej->wij", weighted, slopes) + np.eye(shift.shape[1]) * trust[:, None]
+        step = np.linalg.solve(gram, (np.einsum("wei,we->wi", weighted, missed) - trust * shift)[..., None])[..., 0]
+        moved = shift + step
+        second = self._rolled(effects, rows, moved)
+
+        def cost(path: Array, change: Array) -> Array:
+            return np.asarray((weights * self.missed(path, rows) ** 2).sum(1) + (trust * change**2).sum(1))
+
+        better = (cost(second, moved) < cost(first, shift))[:, None]
+        return np.where(better[..., None], second, first), np.where(better, moved, shift)
+
+    def missed(self, path: Array, rows: Rows) -> Array:
+        """What `path`, shape (windows, rows, nq + nv), misses of the coordinates, in standard deviations of the noise, shape (windows, rows · nv)."""
+        layout = self.layout
+        still = np.zeros((*path.shape[:2], layout.nv))
+        off = layout.dx(layout.minus(layout.state(self.measured[rows], still), layout.state(layout.q(path), still)))
+        return np.asarray((off / self.noise).reshape(len(path), -1))
+
+    def linearised(self, effects: Sequence[Effect] = ()) -> Windows:
+        """The same windows, with derivatives of the simulator with `effects` about the likeliest starts, by central differences as wide as the starts' spread.
+
+        Narrower ones would see the jerks of single contacts.
+        """
+        every = np.arange(len(self))
+        shift = self.predicted(effects, every)[1] if self.slopes.any() else self.shift
+        slopes = np.empty_like(self.slopes)
+        for direction in range(shift.shape[1]):
+            step = np.zeros_like(shift)
+            step[:, direction] = self.spread[:, direction]
+            here, there = (self.missed(self._rolled(effects, every, shift + sign * step), every) for sign in (1, -1))
+            slopes[..., direction] = (there - here) / (2 * self.spread[:, direction, None])
+        return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
+
+    def imagined(self, seed: int) -> Windows:
+        """The same windows as the rig itself would make them, measured with the same noise: what nothing looks like."""
+        rng, every, layout = np.random.default_rng(seed), np.arange(len(self)), self.layout
+        path = self.predicted((), every)[0]
+        start = layout.plus(self.start, self.shift)
+        noisy = layout.plus(path, np.concatenate((self.noise * rng.standard_normal((*path.shape[:2], layout.nv)), np.zeros((*path.shape[:2], layout.nv))), -1))
+        return replace(self, measured=layout.q(noisy), start=layout.plus(start, self.spread * rng.standard_normal(self.spread.shape)), shift=np.zeros_like(self.shift))
+
+    def _rolled(self, effects: Sequence[Effect], rows: Rows, shift: Array) -> Array:
+        world = self.simulator.world(effects)
+        starts = self.layout.plus(self.start[rows], shift)
+        return np.array([self.simulator.rolled(world, start, self.u[row], self.past[row]) for row, start in zip(rows.tolist(), starts, strict=True)])
+
+
+def windows_of(
+    simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: FreeSettings, total: int
+) -> Windows:
+    """About `total` windows, evenly spread over the recordings, of those in which something moves; each starts at the calmest row near by.
+
+    What they are to be linearised about is not known yet.
+    """
+    layout, count = simulator.rig.layout, max(settings.fewest_rows, round(settings.window / simulator.period))
+    places, pieces = [], []
+    for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
+        last = len(one.time) - 1 - count
+        for slot in range(0, last + 1, count):
+            near = np.arange(slot, min(slot + count, last + 1))
+            row = int(near[np.argmin(motion.misfit[near])])
+            there, here = (layout.state(one.q[index], np.zeros((len(one.q[index]), layout.nv))) for index in (slice(row + 1, row + 1 + count), [row] * count))
+            moved = float(np.max(np.abs(layout.dx(layout.minus(there, here))) / noise.q))
+            places.append((number, row, moved))
+    moving = [one for one in places if one[2] > settings.moved] or places
+    chosen = [moving[index] for index in np.unique(np.linspace(0, len(moving) - 1, min(total, len(moving))).round().astype(int))]
+    for number, row, _ in chosen:
+        one, motion = recordings[number], motions[number]
+        before = slice(max(0, row - simulator.remembered), row)
+        pieces.append((one.u[row : row + count], (one.u[before], motion.state[before]), motion.state[row], motion.spread[row], one.q[row + 1 : row + 1 + count]))
+    u, past, start, spread, measured = zip(*pieces, strict=True)
+    numbers, rows, _ = zip(*chosen, strict=True)
+    size = 2 * layout.nv
+    return Windows(
+        simulator,
+        np.array(numbers),
+        np.array(rows),
+        np.array(u),
+        past,
+        np.array(start),
+        np.array(spread),
+        np.array(measured),
+        noise.q,
+        np.zeros((len(start), size)),
+        np.zeros((len(start), count * layout.nv, size)),
+        settings,
+    )
