@@ -356,15 +356,15 @@ def simulate(
     Example: python -m mpge_bench simulate --rig corrected.yaml --recording test.csv --horizon 0.5 --out predicted.csv
 
     Restarts from the recorded state every HORIZON seconds and runs the recording's own commands from there. Writes the predicted rows, at the
-    recording's times: time (s), q_JOINT (rad or m), dq_JOINT (rad/s or m/s), as the sensors would read them. Prints how far they are from
-    the recorded ones (root mean square over all rows).
+    recording's times: time (s), q_JOINT (rad or m), dq_JOINT (rad/s or m/s), as the sensors would read them, and the pose and twist of a free base.
+    Prints how far they are from the recorded ones (root mean square over all rows).
     """
     import numpy as np
     import pandas as pd
 
-    from mpge_bench.diagnosis.data.recording import read_recording, write_table
+    from mpge_bench.diagnosis.data.recording import errors, read_recording, write_table
     from mpge_bench.diagnosis.data.rig import read_rig
-    from mpge_bench.diagnosis.predict.bullet import simulate as predict
+    from mpge_bench.diagnosis.pipeline import simulated
 
     believed = read_rig(rig)
     real = read_recording(recording, believed)
@@ -375,16 +375,14 @@ def simulate(
         )
     if out.resolve() in (recording.resolve(), rig.resolve()):
         raise UserError(f"{out}: would be overwritten, but it is what the prediction is made from; choose another file with --out")
-    predicted = predict(believed, real, horizon)
+    predicted = simulated(believed, real, horizon)
     columns = {"time": predicted.time}
     for prefix, values in (("q", predicted.q), ("dq", predicted.dq)):
-        columns |= {f"{prefix}_{joint}": values[:, column] for column, joint in enumerate(believed.joints)}
+        columns |= {name: values[:, column] for column, name in enumerate(believed.columns[prefix])}
     write_table(pd.DataFrame(columns), out)
-    drawn = Table("joint", "RMS error of q", "RMS error of dq")
-    errors = (np.sqrt(np.mean((there - here) ** 2, 0)).tolist() for there, here in ((predicted.q, real.q), (predicted.dq, real.dq)))
-    for joint, position, speed in zip(believed.joints, *errors, strict=True):
-        unit = "m" if believed.model.is_prismatic(joint) else "rad"
-        drawn.add_row(joint, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
+    drawn = Table("joint" if believed.joints else "", "RMS error of q", "RMS error of dq")
+    for name, unit, position, speed in errors(predicted, real, believed):
+        drawn.add_row(name, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
     _out.print(drawn)
     _out.print(f"Written to {out}: {len(real.time)} rows, restarted every {horizon:g} s", soft_wrap=True)
 

@@ -36,7 +36,7 @@ def checked_pose(path: Path, time: Array, q: Array, settings: DataSettings = DEF
         jumps = np.flatnonzero(speed > settings.jump * usual + floor)
         if len(jumps):
             row = int(jumps[0])
-            raise UserError(f"{path}: row {row + 2}: the {what} jumps, by {speed[row]:.3g} {unit} where it went {usual[row]:.2g} before and after; cut it there")
+            raise UserError(f"{path}: row {row + 2}: the {what} jumps, at {speed[row]:.3g} {unit}, {usual[row]:.2g} before and after; cut it there")
     return q
 
 

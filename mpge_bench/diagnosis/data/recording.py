@@ -126,6 +126,20 @@ def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     return values
 
 
+def errors(predicted: Recording, recorded: Recording, rig: Rig) -> list[tuple[str, str, float, float]]:
+    """Root mean squares of what a prediction misses: of a free base's place and orientation, and of each joint.
+
+    Returns:
+        Name, unit of the position, error of the position and of the velocity (NaN where none was measured).
+    """
+    layout = rig.layout
+    off = layout.minus(layout.state(recorded.q, recorded.dq), layout.state(predicted.q, predicted.dq))
+    base = layout.nv - layout.joints
+    parts = [("place", "m", slice(0, 3)), ("orientation", "rad", slice(3, 6))][:base]
+    parts += [(joint, rig.units(joint).position, slice(base + column, base + column + 1)) for column, joint in enumerate(rig.joints)]
+    return [(name, unit, *(float(np.sqrt(np.mean((one[:, part] ** 2).sum(1)))) for one in (layout.dx(off), layout.ddx(off)))) for name, unit, part in parts]
+
+
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write `table` to a CSV or, by its name, Parquet file, with all digits, whole or not at all.
 

@@ -201,9 +201,7 @@ def _registered(path: Path, data: Mapping[str, Any]) -> Rig:
     motors = "position" if robot.servos else "torque"
     modes = {joint: motors if joint in robot.actuators else "passive" for joint in robot.joints}
     gravity, noise, listed = (0.0, 0.0, robot.gravity), noise_of(path, data), tuple(listed_of(path, data))
-    return Rig(
-        path, robot.load(), tuple(robot.joints), modes, robot.timestep, robot.dt, gravity, noise, listed, data, robot.friction is not None, robot
-    )
+    return Rig(path, robot.load(), tuple(robot.joints), modes, robot.timestep, robot.dt, gravity, noise, listed, data, robot.friction is not None, robot)
 
 
 def _described(path: Path, data: Mapping[str, Any]) -> Rig:

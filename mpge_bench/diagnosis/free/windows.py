@@ -139,11 +139,20 @@ class Windows:
 
     def imagined(self, seed: int) -> Windows:
         """The same windows as the rig itself would make them, measured with the same noise: what nothing looks like."""
-        rng, every, layout = np.random.default_rng(seed), np.arange(len(self)), self.layout
-        path = self.predicted((), every)[0]
-        start = layout.plus(self.start, self.shift)
-        noisy = layout.plus(path, np.concatenate((self.noise * rng.standard_normal((*path.shape[:2], layout.nv)), np.zeros((*path.shape[:2], layout.nv))), -1))
-        return replace(self, measured=layout.q(noisy), start=layout.plus(start, self.spread * rng.standard_normal(self.spread.shape)), shift=np.zeros_like(self.shift))
+        rng, layout = np.random.default_rng(seed), self.layout
+        path = self.predicted((), np.arange(len(self)))[0]
+        off = np.zeros((*path.shape[:2], 2 * layout.nv))
+        off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
+        start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift))
+
+    def from_recorded(self, effects: Sequence[Effect]) -> Array:
+        """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).
+
+        Raises:
+            UserError: if an effect cannot be installed, or the simulation fails.
+        """
+        return self._rolled(effects, np.arange(len(self)), np.zeros_like(self.shift))
 
     def _rolled(self, effects: Sequence[Effect], rows: Rows, shift: Array) -> Array:
         world = self.simulator.world(effects)
@@ -151,29 +160,32 @@ class Windows:
         return np.array([self.simulator.rolled(world, start, self.u[row], self.past[row]) for row, start in zip(rows.tolist(), starts, strict=True)])
 
 
-def windows_of(
-    simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: FreeSettings, total: int
-) -> Windows:
+def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: FreeSettings, total: int) -> Windows:
     """About `total` windows, evenly spread over the recordings, of those in which something moves; each starts at the calmest row near by.
 
     What they are to be linearised about is not known yet.
+
+    Raises:
+        UserError: if no recording is long enough.
     """
     layout, count = simulator.rig.layout, max(settings.fewest_rows, round(settings.window / simulator.period))
-    places, pieces = [], []
+    places = []
     for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
         last = len(one.time) - 1 - count
         for slot in range(0, last + 1, count):
             near = np.arange(slot, min(slot + count, last + 1))
             row = int(near[np.argmin(motion.misfit[near])])
-            there, here = (layout.state(one.q[index], np.zeros((len(one.q[index]), layout.nv))) for index in (slice(row + 1, row + 1 + count), [row] * count))
-            moved = float(np.max(np.abs(layout.dx(layout.minus(there, here))) / noise.q))
-            places.append((number, row, moved))
+            moved = layout.dx(layout.minus(motion.state[row + 1 : row + 1 + count], motion.state[[row] * count])) / noise.q
+            places.append((number, row, float(np.abs(moved).max())))
+    if not places:
+        raise UserError(f"{recordings[0].path}: no recording is longer than a window of {count + 1} rows; record for longer")
     moving = [one for one in places if one[2] > settings.moved] or places
     chosen = [moving[index] for index in np.unique(np.linspace(0, len(moving) - 1, min(total, len(moving))).round().astype(int))]
+    pieces = []
     for number, row, _ in chosen:
         one, motion = recordings[number], motions[number]
-        before = slice(max(0, row - simulator.remembered), row)
-        pieces.append((one.u[row : row + count], (one.u[before], motion.state[before]), motion.state[row], motion.spread[row], one.q[row + 1 : row + 1 + count]))
+        before, after = slice(max(0, row - simulator.remembered), row), slice(row + 1, row + 1 + count)
+        pieces.append((one.u[row : row + count], (one.u[before], motion.state[before]), motion.state[row], motion.spread[row], one.q[after]))
     u, past, start, spread, measured = zip(*pieces, strict=True)
     numbers, rows, _ = zip(*chosen, strict=True)
     size = 2 * layout.nv

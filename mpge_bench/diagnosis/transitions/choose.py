@@ -12,9 +12,8 @@ from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Rows, fitted, model_of
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
-from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
 
 _log = logging.getLogger(__name__)
@@ -46,7 +45,7 @@ class Answer:
 class Search:
     """One search, and the models it has fitted so far."""
 
-    replay: Replay
+    replay: Predictor
     hypotheses: Sequence[Hypothesis]
     workers: Workers
     clock: Clock
@@ -57,13 +56,13 @@ class Search:
     columns: list[Columns] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        settings, episodes = self.settings, self.replay.episodes
+        settings, pieces = self.settings, self.replay
         starts = sum(len(one.starts) for one in self.hypotheses)
         few = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
         #: For looks and drafts: of all kinds of motion.
-        self.few = episodes.stretches(few, settings.stretch)
+        self.few = pieces.stretches(few, settings.stretch)
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = episodes.heads(settings.fitted_rows)
+        self.rows = pieces.heads(settings.fitted_rows)
 
     def answer(self) -> Answer:
         """The whole search."""
@@ -92,7 +91,7 @@ class Search:
 
         All models fitted before are forgotten then, since they were judged on others.
         """
-        every, settings = np.arange(len(self.replay.episodes)), self.settings
+        every, settings = np.arange(len(self.replay)), self.settings
         if model.missed > settings.exact or len(self.rows) == len(every):
             return model
         missed = np.abs(self.replay.residuals(model.effects, every)).max(1) > settings.exact
@@ -215,9 +214,9 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
     return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)
 
 
-def _drafted(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
+def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
     return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations)
 
 
-def _polished(replay: Replay, rows: Rows, settings: ReplaySettings, draft: Model) -> Model:
+def _polished(replay: Predictor, rows: Rows, settings: ReplaySettings, draft: Model) -> Model:
     return fitted(replay, draft.hypotheses, draft.values, rows, settings, settings.iterations_polish)

@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DiagnosisSettings, ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Rows, scales_of
+from mpge_bench.diagnosis.transitions.fit import Predictor, Rows, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
-from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
@@ -41,22 +40,22 @@ class Comparison:
     said: str
 
 
-def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
+def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
     Without noise what differs at all is a mismatch. With noise a permutation test: the score of each hypothesis (its effect's columns times what is missed) is
     averaged over blocks of rows of the two, and the largest of all standardised differences is compared with those of blocks dealt anew.
     """
     replay = settings.replay
-    missed = target.residuals((), np.arange(len(target.episodes)))
-    of_own = own.residuals((), np.arange(len(own.episodes)))
+    missed = target.residuals((), np.arange(len(target)))
+    of_own = own.residuals((), np.arange(len(own)))
     floor = float(np.mean(np.median(np.abs(of_own), axis=0)))
     if float(np.max(np.abs(of_own))) < replay.exact:
         differs = float(np.max(np.abs(missed))) > replay.exact
         line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else "and the target's.")
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
-    rows = [few, own.episodes.stretches(len(few), replay.stretch)]
+    rows = [few, own.stretches(len(few), replay.stretch)]
     tests = [workers.each(_scores, (one, at, scale, replay), list(hypotheses)) for one, at in zip((target, own), rows, strict=True)]
     scores = [np.array(one).transpose(1, 0) for one in tests]
     p, bound = _permuted(scores[0], scores[1], replay.draws)
@@ -65,7 +64,7 @@ def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few:
     return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
 
 
-def _scores(replay: Replay, rows: Rows, scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> Array:
+def _scores(replay: Predictor, rows: Rows, scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> Array:
     """Of one hypothesis, the mean over blocks of rows of what is missed along its effect, shape (blocks,)."""
     missed = replay.residuals((), rows)
     start = hypothesis.effects(parameters_of(hypothesis.starts[0]))

@@ -5,17 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
-from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
+
+
+class Predictor(Protocol):
+    """Pieces of recorded motion, each of which the simulator with any effects predicts: transitions, or windows of recordings."""
+
+    def __len__(self) -> int: ...
+
+    def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
+        """What it misses of the pieces `rows`, shape (rows, entries)."""
+
+    def heads(self, total: int) -> Rows:
+        """About `total` pieces to fit models to."""
+
+    def stretches(self, total: int, length: int) -> Rows:
+        """About `total` pieces of all kinds of motion, in stretches of `length` where one leads to the next."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +39,7 @@ class Model:
 
     Attributes:
         values: of each hypothesis's parameters.
-        residuals: what it leaves, as `Replay.residuals` has it.
+        residuals: what it leaves, as `Predictor.residuals` has it.
         description: nats an entry of the residuals that it takes to write them down, its parameters included, up to a constant: the lower the better.
     """
 
@@ -61,7 +76,7 @@ def effects_of(hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float
     return in_order([effect for one, own in zip(hypotheses, values, strict=True) for effect in one.effects(own)])
 
 
-def model_of(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
+def model_of(replay: Predictor, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
     """The model of `hypotheses` with these `values`, as it is."""
     residuals = replay.residuals(effects_of(hypotheses, values), rows)
     size = sum(one.size for one in hypotheses)
@@ -83,7 +98,9 @@ def description(residuals: Array, size: int, settings: ReplaySettings) -> float:
     return float(nats.mean() + size * np.log(residuals.size) / (2 * residuals.size))
 
 
-def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int) -> Model:
+def fitted(
+    replay: Predictor, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int
+) -> Model:
     """`hypotheses` with the parameters that leave least, sought from `values` by Levenberg-Marquardt steps.
 
     Each step lowers the sum of log(1 + (residual / scale)²), the scale being that of the residuals before it: as the fit gets better what is off counts less.
@@ -159,7 +176,7 @@ def _slopes(left: Callable[[Array], Array], residuals: Array, at: Array, unit: A
     return np.array(found)
 
 
-def standard_errors(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
+def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
     """Of all parameters of `model`, shape (parameters,), from the spread of blocks of rows about the fit; infinite where the transitions do not tell.
 
     The estimator is the sandwich of weighted least squares, blocks of neighbouring rows being the independent pieces of evidence (Liang and Zeger 1986).

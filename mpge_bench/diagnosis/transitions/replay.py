@@ -49,6 +49,17 @@ class Replay:
     settle: int
     worst: float
 
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    def heads(self, total: int) -> npt.NDArray[np.int64]:
+        """The first transitions of every episode: what the simulator remembers is known there."""
+        return self.episodes.heads(total)
+
+    def stretches(self, total: int, length: int) -> npt.NDArray[np.int64]:
+        """Transitions in stretches, evenly spread."""
+        return self.episodes.stretches(total, length)
+
     def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
         """What the simulator with `effects` misses of the next observations, in spreads of their change in a control step.
 
