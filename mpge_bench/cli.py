@@ -317,7 +317,8 @@ def record(
     a target angle (rad) where motors are position-controlled (Minitaur). Each row is one control step: the state as the sensors read it, before the
     row's command acts. An episode
     that the task ends early (the robot fell) is recorded as far as it went.
-    Beside them OUT/rig.yaml and the robot's model file say what the simulator believes, where `diagnose` can take the robot: a fixed base, no ground.
+    Beside them OUT/rig.yaml says what the simulator believes: it names the robot or, of one on a fixed base that touches nothing, describes it, with the
+    model file.
     """
     from mpge_bench import record as recorder
     from mpge_bench.console import ConsoleProgress
@@ -330,13 +331,9 @@ def record(
     spans = {path: float(table["time"].iloc[-1]) for path, table in tables.items()}
     for path, table in tables.items():
         _out.print(f"{path}: {len(table)} rows, {spans[path]:.2f} s", soft_wrap=True)
-    robot = get_task(task).robot
     needed = DEFAULT.data
     short = sum(len(table) < needed.fewest_rows or spans[path] < needed.shortest for path, table in tables.items())
-    if not recorder.can_be_rig(robot):
-        kind = "a floating base" if robot.floating else "ground contact"
-        _out.print(f"No rig.yaml was written: `diagnose` cannot take robots with {kind}, such as the {robot.name}, yet.", soft_wrap=True)
-    elif short:
+    if short:
         advice = "give more --seconds" if policy == "target" else "try --policy target, which keeps the robot up longer"
         least = f"{needed.fewest_rows} rows and {needed.shortest} s are needed"
         _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({least}); {advice}.", soft_wrap=True)

@@ -56,11 +56,11 @@ def noise_of(recordings: Sequence[Recording], layout: Layout, stated: dict[str, 
     recorded = [one.dq for one in recordings]
     known = np.all([np.isfinite(one).all(0) for one in recorded], 0)
     dq = np.full(layout.nv, stated["dq"]) if "dq" in stated else _rough(recorded, settings.least_noise)
-    late = [_late(one, path, q, settings) for one, path in zip(recordings, paths, strict=True)] if known.all() else []
-    trusted = known & (np.abs(np.median(late, 0)) < settings.late if late else False)
-    # A base's velocities are one measurement, and so are the joints'.
     base = layout.nv - layout.joints
-    trusted[:base], trusted[base:] = trusted[:base].all(), trusted[base:].all()
+    trusted = np.zeros(layout.nv, bool)
+    # A base's velocities are one measurement, and so are the joints'.
+    for part in (slice(0, base), slice(base, None)):
+        trusted[part] = known[part].all() and ("dq" in stated or not _are_late(recordings, paths, q, part, settings))
     return Noise(q, np.where(trusted, dq, np.inf))
 
 
@@ -70,13 +70,22 @@ def _rough(paths: Sequence[Array], least: float) -> Array:
     return np.asarray(np.maximum(1.4826 * np.median(np.nan_to_num(fifth), 0) / math.sqrt(math.comb(10, 5)), least))
 
 
-def _late(one: Recording, path: Array, noise: Array, settings: FreeSettings) -> Array:
-    """By how many rows recorded velocities lag behind the poses, shape (nv,): half a row where they are difference quotients."""
-    value, misfit, _ = _parabolas(one.time, path, noise, settings)
-    calm = misfit <= np.median(misfit)
-    speed, change = value[calm, 1], 2 * value[calm, 2]
-    period = float(np.median(np.diff(one.time)))
-    return np.asarray(((speed - one.dq[calm]) * change).sum(0) / np.maximum((change**2).sum(0), 1e-12) / period)
+def _are_late(recordings: Sequence[Recording], paths: Sequence[Array], noise: Array, part: slice, settings: FreeSettings) -> bool:
+    """Whether recorded velocities lag behind the poses, as difference quotients do by half a row, as far as the noise lets one say so."""
+    late, weight = [], []
+    for one, path in zip(recordings, paths, strict=True):
+        value, misfit, shares = _parabolas(one.time, path, noise, settings)
+        calm = misfit < settings.calm
+        row = np.median(np.diff(one.time)) * 2 * value[calm, 2][:, part]
+        late.append(((value[calm, 1] - one.dq[calm])[:, part] / np.where(row, row, 1.0)).ravel())
+        weight.append((row / (shares[calm, 1:] * noise[part])).ravel() ** 2)
+    every, weights = np.concatenate(late), np.concatenate(weight)
+    order, total = np.argsort(every), float(weights.sum())
+    if not total:
+        return False
+    # The median, since a quotient across an impact is off by any amount.
+    middle = abs(float(every[order][np.searchsorted(np.cumsum(weights[order]), total / 2)]))
+    return middle > settings.late and middle > 3 / math.sqrt(total)
 
 
 def motion_of(one: Recording, layout: Layout, noise: Noise, settings: FreeSettings) -> Motion:

@@ -66,7 +66,7 @@ def diagnose_free(
 
 def _for_windows(settings: DiagnosisSettings) -> DiagnosisSettings:
     """`settings` whose search is one over windows, which are fewer than transitions and take longer."""
-    free, names = settings.free, ("checked", "tried", "polished", "iterations", "iterations_polish", "difference", "worst")
+    free, names = settings.free, ("checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
     own = {name: getattr(free, name) for name in names}
     return replace(settings, replay=replace(settings.replay, fewest=free.few, most_rows=free.few, fitted_rows=free.windows, block=1, **own))
 

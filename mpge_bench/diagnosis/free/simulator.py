@@ -28,6 +28,7 @@ class Simulator:
         step: physics step, s.
         substeps: of them from row to row.
         remembered: rows before a start through which what effects remember is driven.
+        run_in: the last of them, in which the simulator runs: contacts that were there before go on otherwise than new ones.
         worlds: by the effects that alter the model: to make one takes as long as hundreds of steps.
     """
 
@@ -35,6 +36,7 @@ class Simulator:
     step: float
     substeps: int
     remembered: int
+    run_in: int
     worlds: Memory[tuple[Effect, ...], World] = field(default_factory=lambda: Memory(4))
 
     @property
@@ -70,10 +72,18 @@ class Simulator:
         q, dq = np.array(layout.q(start)), np.array(layout.dq(start))
         for effect, joint in reversed(sensors):
             effect.unsense(q[joints[0]], dq[joints[1]], joint)
-        world.set_state(q, dq)
-        if any(effect.remembers for effect in world.effects):
-            before = past[0], layout.q(past[1])[:, joints[0]], layout.dq(past[1])[:, joints[1]]
-            world.recall(*(np.repeat(values, self.substeps, axis=0) for values in before))
+        run_in = min(self.run_in, len(past[0]))
+        if not run_in:
+            world.set_state(q, dq)
+        else:
+            first = past[1][-run_in]
+            world.set_state(layout.q(first), layout.dq(first))
+            if any(effect.remembers for effect in world.effects):
+                states = past[1][:-run_in]
+                before = past[0][:-run_in], layout.q(states)[:, joints[0]], layout.dq(states)[:, joints[1]]
+                world.recall(*(np.repeat(values, self.substeps, axis=0) for values in before))
+            world.roll(past[0][-run_in:])
+            world.displace(layout.minus(layout.state(q, dq), layout.state(world.q, world.dq)))
         after_q, after_dq = world.roll(commands)
         if sensors:
             after_q, after_dq = np.concatenate((q[None], after_q)), np.concatenate((dq[None], after_dq))
@@ -103,4 +113,4 @@ def simulator_of(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisS
     else:
         substeps = math.ceil(period / rig.timestep - 1e-6)
         step = period / substeps
-    return Simulator(rig, step, substeps, round(settings.predict.warm_up / period))
+    return Simulator(rig, step, substeps, round(settings.predict.warm_up / period), settings.free.run_in)

@@ -141,8 +141,33 @@ def fitted(
         unit = np.maximum(np.abs(at), 0.1 * unit)
         if gained < settings.converged * cost:
             break
+    at, residuals = _walked(left, at, residuals, unit, low, high, settings)
     plain = tuple(tuple(own.tolist()) for own in parted(at))
     return Model(hypotheses, plain, residuals, description(residuals, len(at), settings))
+
+
+def _walked(
+    left: Callable[[Array], Array], at: Array, residuals: Array, unit: Array, low: Array, high: Array, settings: ReplaySettings
+) -> tuple[Array, Array]:
+    """Parameters and residuals after walking along one parameter after another for as long as the description shrinks, in the settings' `walks`.
+
+    Where single contacts make slopes rough, it leads on after least squares have come to a stop.
+    """
+    best = description(residuals, 0, settings)
+    for share, index in ((share, index) for share in settings.walks for index in range(len(at))):
+        sign, turned = 1, False
+        while True:
+            trial = at.copy()
+            trial[index] = np.clip(at[index] + sign * share * unit[index], low[index], high[index])
+            found = left(trial)
+            told = description(found, 0, settings)
+            if told < best:
+                at, residuals, best, turned = trial, found, told, True
+            elif turned:
+                break
+            else:
+                sign, turned = -1, True
+    return at, residuals
 
 
 def _cost(residuals: Array, scale: Array) -> float:
