@@ -231,11 +231,13 @@ def diagnose(
         Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
-    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s.")] = 0.5,
+    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s; of free bodies and contacts always 0.1.")] = 0.5,
     seconds: Annotated[
         float | None,
         typer.Option(
-            min=1.0, help="Time budget: about when it is up the best answer so far is given; 75 with recordings, 180 with --task. Many joints want more."
+            min=1.0,
+            help="Time budget: about when it is up the best answer so far is given; 75 with recordings, 300 with those of free bodies and contacts,"
+            " 180 with --task. Many joints want more.",
         ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
@@ -256,12 +258,15 @@ def diagnose(
         _diagnose_pair(task, samples, noise, seed, transitions, out, 180.0 if seconds is None else seconds, jobs, policies)
         return
     from mpge_bench.console import ConsoleProgress
+    from mpge_bench.diagnosis.data.rig import read_rig
     from mpge_bench.diagnosis.pipeline import diagnose_files
 
     assert rig is not None
     assert recording is not None
+    if seconds is None:
+        seconds = 75.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
-        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=75.0 if seconds is None else seconds, jobs=jobs, progress=progress)
+        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
     _say(found.summary, out, "report.html (open it in a browser), diagnosis.json, corrected.yaml")
 
 

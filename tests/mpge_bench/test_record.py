@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import subprocess
@@ -162,7 +161,7 @@ def test_every_robot_is_recorded_and_simulated_from_its_recording(tmp_path: Path
         rig = read_rig(tmp_path / name / "rig.yaml")
         recording = read_recording(path, rig, DataSettings(fewest_rows=5, shortest=0.01))
         assert recording.q.shape == (len(recording.time), rig.layout.nq)
-        known = predicted(dataclasses.replace(rig, nominal=task.effects), recording, 4 * rig.record_period)
+        known = predicted(rig, recording, 4 * rig.record_period, effects=task.effects)
         for _, unit, position, _ in errors(known, recording, rig):
             assert position < 0.02, (name, unit)
 

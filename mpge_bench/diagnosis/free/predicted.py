@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mpge_bench.diagnosis.data.recording import Recording
@@ -10,18 +12,21 @@ from mpge_bench.diagnosis.free.motion import motion_of, noise_of
 from mpge_bench.diagnosis.free.simulator import simulator_of
 from mpge_bench.diagnosis.predict.bullet import stretches
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 
 
-def predicted(rig: Rig, recording: Recording, horizon: float, settings: DiagnosisSettings = DEFAULT) -> Recording:
-    """The recording as `rig` predicts it, restarted from the recorded state every `horizon` seconds, velocities smoothed where there are none to trust.
+def predicted(rig: Rig, recording: Recording, horizon: float, settings: DiagnosisSettings = DEFAULT, effects: Sequence[Effect] = ()) -> Recording:
+    """The recording as `rig` with `effects` predicts it, restarted from the recorded state every `horizon` seconds.
+
+    Velocities are smoothed where there are none to trust.
 
     Raises:
         UserError: if rows do not come at even intervals, or the simulation becomes unstable.
     """
     layout, simulator = rig.layout, simulator_of(rig, [recording], settings)
     motion = motion_of(recording, layout, noise_of([recording], layout, dict(rig.noise), settings.free), settings.free)
-    world, result = simulator.world(()), motion.state.copy()
+    world, result = simulator.world(effects), motion.state.copy()
     for first, end in stretches(recording, horizon):
         before = slice(max(0, first - simulator.remembered), first)
         past = recording.u[before], motion.state[before]

@@ -77,43 +77,30 @@ class Windows:
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What the simulator with `effects` misses, from the starts that are likeliest given both what was recorded at them and after them.
 
+        How much of it another start explains is told by `slopes`, in proportion.
+
         Returns:
             What is missed of each coordinate at each row, in standard deviations of the noise, then how far the start lies from what was recorded of it,
             in standard deviations of that, shape (windows, rows · nv + 2 nv); cut off at the settings' `worst`, which also stands for a simulation that
             fails.
         """
-        size = self.slopes.shape[1] + self.slopes.shape[2]
-        try:
-            found = self.predicted(effects, rows)
-        except UserError:
-            return np.full((len(rows), size), self.settings.worst)
-        missed = np.concatenate((self.missed(found[0], rows), found[1] / self.spread[rows]), 1)
         worst = self.settings.worst
-        return np.asarray(np.clip(np.nan_to_num(missed, nan=worst, posinf=worst, neginf=-worst), -worst, worst))
+        try:
+            missed = np.nan_to_num(self.missed(self._rolled(effects, rows, self.shift[rows]), rows), nan=worst)
+        except UserError:
+            return np.full((len(rows), self.slopes.shape[1] + self.slopes.shape[2]), worst)
+        step = self._likelier(missed, rows)
+        left = missed - np.einsum("wei,wi->we", self.slopes[rows], step)
+        return np.asarray(np.clip(np.concatenate((left, (self.shift[rows] + step) / self.spread[rows]), 1), -worst, worst))
 
-    def predicted(self, effects: Sequence[Effect], rows: Rows) -> tuple[Array, Array]:
-        """States from the likeliest starts, shape (windows, rows, nq + nv), and what these differ from the recorded ones by, shape (windows, 2 nv).
-
-        Raises:
-            UserError: if an effect cannot be installed, or the simulation fails.
-        """
-        shift = self.shift[rows]
-        first = self._rolled(effects, rows, shift)
-        missed, slopes = self.missed(first, rows), self.slopes[rows]
+    def _likelier(self, missed: Array, rows: Rows) -> Array:
+        """From the starts at `shift`, which miss `missed`, to the likeliest ones, shape (windows, 2 nv)."""
+        slopes, trust = self.slopes[rows], 1 / self.spread[rows] ** 2
         # What is missed by far tells of the simulator, not of the start.
-        weights = 1 / (1 + (missed / self.settings.outlying) ** 2)
-        weighted = slopes * weights[..., None]
-        trust = 1 / self.spread[rows] ** 2
-        gram = np.einsum("wei,wej->wij", weighted, slopes) + np.eye(shift.shape[1]) * trust[:, None]
-        step = np.linalg.solve(gram, (np.einsum("wei,we->wi", weighted, missed) - trust * shift)[..., None])[..., 0]
-        moved = shift + step
-        second = self._rolled(effects, rows, moved)
-
-        def cost(path: Array, change: Array) -> Array:
-            return np.asarray((weights * self.missed(path, rows) ** 2).sum(1) + (trust * change**2).sum(1))
-
-        better = (cost(second, moved) < cost(first, shift))[:, None]
-        return np.where(better[..., None], second, first), np.where(better, moved, shift)
+        weighted = slopes / (1 + (missed / self.settings.outlying) ** 2)[..., None]
+        gram = np.einsum("wei,wej->wij", weighted, slopes) + np.eye(slopes.shape[2]) * trust[:, None]
+        against = np.einsum("wei,we->wi", weighted, missed) - trust * self.shift[rows]
+        return np.asarray(np.linalg.solve(gram, against[..., None])[..., 0])
 
     def missed(self, path: Array, rows: Rows) -> Array:
         """What `path`, shape (windows, rows, nq + nv), misses of the coordinates, in standard deviations of the noise, shape (windows, rows · nv)."""
@@ -128,7 +115,8 @@ class Windows:
         Narrower ones would see the jerks of single contacts.
         """
         every = np.arange(len(self))
-        shift = self.predicted(effects, every)[1] if self.slopes.any() else self.shift
+        missed = np.nan_to_num(self.missed(self._rolled(effects, every, self.shift), every))
+        shift = self.shift + self._likelier(missed, every)
         slopes = np.empty_like(self.slopes)
         for direction in range(shift.shape[1]):
             step = np.zeros_like(shift)
@@ -140,7 +128,7 @@ class Windows:
     def imagined(self, seed: int) -> Windows:
         """The same windows as the rig itself would make them, measured with the same noise: what nothing looks like."""
         rng, layout = np.random.default_rng(seed), self.layout
-        path = self.predicted((), np.arange(len(self)))[0]
+        path = self._rolled((), np.arange(len(self)), self.shift)
         off = np.zeros((*path.shape[:2], 2 * layout.nv))
         off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
         start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))

@@ -56,7 +56,9 @@ def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis]
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
     rows = [few, own.stretches(len(few), replay.stretch)]
-    tests = [workers.each(_scores, (one, at, scale, replay), list(hypotheses)) for one, at in zip((target, own), rows, strict=True)]
+    tests = []
+    for one, at in zip((target, own), rows, strict=True):
+        tests.append(workers.each(_scores, (one, at, one.residuals((), at), scale, replay), list(hypotheses)))
     scores = [np.array(one).transpose(1, 0) for one in tests]
     p, bound = _permuted(scores[0], scores[1], replay.draws)
     explained = settings.verdict.explained * floor
@@ -64,9 +66,8 @@ def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis]
     return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
 
 
-def _scores(replay: Predictor, rows: Rows, scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> Array:
-    """Of one hypothesis, the mean over blocks of rows of what is missed along its effect, shape (blocks,)."""
-    missed = replay.residuals((), rows)
+def _scores(replay: Predictor, rows: Rows, missed: Array, scale: Array, settings: ReplaySettings, hypothesis: Hypothesis) -> Array:
+    """Of one hypothesis, the mean over blocks of rows of what is `missed` along its effect, shape (blocks,)."""
     start = hypothesis.effects(parameters_of(hypothesis.starts[0]))
     column = (missed - replay.residuals(in_order(start), rows)) / scale
     weighted = missed / scale / (1 + (missed / scale) ** 2) * column / (1 + (column) ** 2) ** 0.5
