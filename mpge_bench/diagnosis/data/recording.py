@@ -137,7 +137,11 @@ def errors(predicted: Recording, recorded: Recording, rig: Rig) -> list[tuple[st
     base = layout.nv - layout.joints
     parts = [("place", "m", slice(0, 3)), ("orientation", "rad", slice(3, 6))][:base]
     parts += [(joint, rig.units(joint).position, slice(base + column, base + column + 1)) for column, joint in enumerate(rig.joints)]
-    return [(name, unit, *(float(np.sqrt(np.mean((one[:, part] ** 2).sum(1)))) for one in (layout.dx(off), layout.ddx(off)))) for name, unit, part in parts]
+    found = []
+    for name, unit, part in parts:
+        position, speed = (float(np.sqrt(np.mean((one[:, part] ** 2).sum(1)))) for one in (layout.dx(off), layout.ddx(off)))
+        found.append((name, unit, position, speed))
+    return found
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
