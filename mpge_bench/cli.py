@@ -231,7 +231,9 @@ def diagnose(
         Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
-    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s; of free bodies and contacts always 0.1.")] = 0.5,
+    horizon: Annotated[
+        float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s; of free bodies and contacts always 0.1.")
+    ] = 0.5,
     seconds: Annotated[
         float | None,
         typer.Option(

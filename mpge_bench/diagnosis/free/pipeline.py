@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -24,7 +25,7 @@ from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer, Search
-from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.evidence import Comparison, compared, permuted
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
@@ -56,7 +57,8 @@ def diagnose_free(
     fitted = searched.part(~choosing)
     options = hypotheses(simulator, parts.searched.recordings, motions, settings.replay)
     search = Search(fitted, options, workers, clock, settings.replay, advance)
-    test = compared(fitted, fitted.imagined(0), options, search.few, workers, settings)
+    own = fitted.imagined(0)
+    test = by_size(compared(fitted, own, options, search.few, workers, settings), fitted, own, settings)
     answer = search.answer() if test.is_mismatch else _nothing(search)
     answer = chosen_by(searched.part(choosing), answer, settings)
     where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
@@ -66,13 +68,13 @@ def diagnose_free(
 
 def _for_windows(settings: DiagnosisSettings) -> DiagnosisSettings:
     """`settings` whose search is one over windows, which are fewer than transitions and take longer."""
-    free, names = settings.free, ("checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
+    free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
     own = {name: getattr(free, name) for name in names}
-    return replace(settings, replay=replace(settings.replay, fewest=free.few, most_rows=free.few, fitted_rows=free.windows, block=1, **own))
+    return replace(settings, replay=replace(settings.replay, most_rows=free.few, fitted_rows=free.windows, block=1, **own))
 
 
-def _choosing(windows: Windows, settings: DiagnosisSettings) -> np.ndarray:
-    """Which windows models are chosen by: those of the last recordings or, of few recordings, every so many in a row."""
+def _choosing(windows: Windows, settings: DiagnosisSettings) -> npt.NDArray[np.bool_]:
+    """Which windows models are chosen by: those of the last recordings or, of few recordings, the last ones."""
     share, numbers = settings.free.choosing, np.unique(windows.recording)
     if len(numbers) >= settings.data.few:
         return np.isin(windows.recording, numbers[-max(1, round(share * len(numbers))) :])
@@ -81,14 +83,27 @@ def _choosing(windows: Windows, settings: DiagnosisSettings) -> np.ndarray:
 
 def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> Answer:
     """`answer` with, of the best models, the one that describes `windows` best, to which none was fitted; its own where that is as good."""
-    best = sorted(answer.models, key=lambda one: one.description)[: settings.free.judged]
     if not answer.chosen.hypotheses:
         return answer
+    best = sorted(answer.models, key=lambda one: one.description)[: settings.free.judged]
     every = np.arange(len(windows))
     models = [answer.chosen, answer.nominal, *(one for one in best if one.key not in (answer.chosen.key, answer.nominal.key))]
     told = [model_of(windows, one.hypotheses, one.values, every, settings.replay).description for one in models]
     first = int(np.argmin(told))
     return answer if told[0] - told[first] < settings.replay.equal else replace(answer, chosen=models[first])
+
+
+def by_size(test: Comparison, target: Windows, own: Windows, settings: DiagnosisSettings) -> Comparison:
+    """`test`, or that of how much is missed of all windows where it is surer: of `target`, more than a right model may leave beside the rig's `own`.
+
+    A large mismatch in chaotic motion shows in no direction of its own. Of two tests the surer one's p counts twice.
+    """
+    sizes = [np.log(np.median(np.abs(one.residuals((), np.arange(len(one)))), axis=1)) for one in (target, own)]
+    allowed = sizes[1] + np.log(settings.verdict.explained)
+    p, bound = permuted(sizes[0][:, None], allowed[:, None], settings.replay.draws) if sizes[0].mean() > allowed.mean() else (1.0, False)
+    surer, is_bound = min((p, bound), (test.p_value, test.is_bound))
+    both = min(1.0, 2 * surer)
+    return replace(test, p_value=both, is_bound=is_bound, is_mismatch=both < settings.choose.significance)
 
 
 def _nothing(search: Search) -> Answer:

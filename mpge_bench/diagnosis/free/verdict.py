@@ -131,6 +131,8 @@ def _summary(verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy
     lines = list(named)
     if named:
         lines.append(f"{error}from {held.before:.3g} to {held.after:.3g} {held.unit} (root mean square, from the states as recorded).")
+    elif answer.cut:
+        lines.append(f"There is a mismatch ({chance(test)}). The time was up before any physics was found that explains it; give more --seconds.")
     else:
         lines.append(f"There is a mismatch ({chance(test)}), and no physics of the catalogue explains it.")
     lines.append("It shows in: " + ", ".join(f"{one.name} ({100 * one.share:.0f}%)" for one in where) + ".")
@@ -138,7 +140,7 @@ def _summary(verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy
         lines.append("Named physics explains only part of it.")
     if answer.equals:
         lines.append(f"These recordings cannot tell it from: {'; '.join(label_of(one) for one in answer.equals[:3])}.")
-    if answer.cut:
+    if answer.cut and named:
         lines.append(f"The time budget cut short: {', '.join(answer.cut)}. This is the best answer so far.")
     return tuple(lines)
 

@@ -60,7 +60,7 @@ def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis]
     for one, at in zip((target, own), rows, strict=True):
         tests.append(workers.each(_scores, (one, at, one.residuals((), at), scale, replay), list(hypotheses)))
     scores = [np.array(one).transpose(1, 0) for one in tests]
-    p, bound = _permuted(scores[0], scores[1], replay.draws)
+    p, bound = permuted(scores[0], scores[1], replay.draws)
     explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
     return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
@@ -75,8 +75,12 @@ def _scores(replay: Predictor, rows: Rows, missed: Array, scale: Array, settings
     return np.asarray(np.bincount(blocks, weighted.sum(1)) / np.bincount(blocks))
 
 
-def _permuted(first: Array, second: Array, draws: int) -> tuple[float, bool]:
-    """p of the largest standardised difference of means over hypotheses, shapes (blocks, hypotheses), by dealing the blocks anew."""
+def permuted(first: Array, second: Array, draws: int) -> tuple[float, bool]:
+    """p, and whether it is an upper bound, of the largest standardised difference of means over columns, by dealing the blocks anew.
+
+    Args:
+        first, second: scores, shapes (blocks, columns).
+    """
     pooled, count = np.concatenate((first, second)), len(first)
     spread = pooled.std(0)
     pooled = pooled[:, spread > 0] / spread[spread > 0]

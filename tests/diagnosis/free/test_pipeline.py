@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.recording import errors
 from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.free.pipeline import by_size
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files, simulated
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings, ReplaySettings
+from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.envs.effects import ContactFriction
 
 from .conftest import Tossed
+from .test_windows import made
 
 #: Fewer windows than by default, and one effect at most, lest a test take minutes.
 QUICK = DiagnosisSettings(
@@ -54,3 +59,11 @@ def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path
     assert found.result.verdict == "no_mismatch"
     assert found.result.p_value > DEFAULT.choose.significance
     assert not found.effects
+
+
+def test_much_that_is_missed_in_no_direction_of_its_own_is_a_mismatch(tossed: Tossed) -> None:
+    windows, nothing = made(tossed(tosses=4)), Comparison(0.5, False, False, 1.0, 1.5, "")
+    own = windows.imagined(0)
+    assert not by_size(nothing, windows, own, DEFAULT).is_mismatch
+    spoilt = dataclasses.replace(windows, measured=windows.measured + 0.01 * np.sin(np.arange(len(windows)))[:, None, None])
+    assert by_size(nothing, spoilt, own, DEFAULT).is_mismatch
