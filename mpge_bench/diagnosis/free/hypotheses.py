@@ -70,8 +70,8 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
         mass, centre, _ = model.inertial(link)
         length = max(float(np.linalg.norm(centre)), settings.least_length if rig.joints else size)
         rubs, bounces = (model.friction(link), model.restitution(link)) if link in touching else (0.0, 0.0)
-        torque = max(mass * pull * length, settings.least_motion)
-        found[link] = replace(plain, mass=mass, length=length, torque=torque, friction=rubs, restitution=bounces)
+        weight = max(mass * pull * length, settings.least_motion)
+        found[link] = replace(plain, mass=mass, length=length, torque=weight, friction=rubs, restitution=bounces)
     touched = next((one for one in found.values() if one.friction), plain)
     return found | {"*": touched, "world": replace(touched, length=size)}
 
