@@ -38,6 +38,7 @@ _NUMBERS = {
     "box": {"size": 3},
     "mesh": {"scale": 3},
     "lateral_friction": {"value": 1},
+    "restitution": {"value": 1},
 }
 
 
@@ -55,6 +56,14 @@ class Joint:
     stops: tuple[float, float] | None
 
 
+@dataclass(frozen=True)
+class Ground:
+    """Where a plane of ground lies: its height at the origin, m, and by how much, rad, it is turned about the world's x and y axes."""
+
+    height: float = 0.0
+    tilt: tuple[float, float] = (0.0, 0.0)
+
+
 class Model:
     """The URDF or MJCF file at `path`, as URDF, with gravity and constant forces beside it.
 
@@ -66,6 +75,7 @@ class Model:
         armature: inertia, kg m², that an MJCF file adds to joints' own.
         springs: stiffness, N m/rad, and rest position, rad, of the joints' springs in an MJCF file.
         gravity: m/s², in the fixed base's frame or, of a floating one, in the world's; None leaves it to the world.
+        ground: where the ground is, if the world has one.
         forces: constant forces (link, N in the same frame) on links' centres of mass.
         rotors: the joints that have a rotor among the links, and its gear ratio.
         flywheels: the joints that have a rotor outside of the robot, and its inertia, kg m²: the rotors of a floating base.
@@ -98,6 +108,7 @@ class Model:
             if name and "://" not in name and not Path(name).is_absolute():
                 mesh.set("filename", str((path.parent / name).resolve()))
         self.gravity: tuple[float, float, float] | None = None
+        self.ground = Ground()
         self.forces: list[tuple[str, Array]] = []
         self.rotors: dict[str, float] = {}
         self.flywheels: dict[str, float] = {}
@@ -320,20 +331,45 @@ class Model:
         Raises:
             UserError: if no link that can touch anything has that name.
         """
+        self.set_contact(link, lateral_friction=coefficient)
+
+    def set_contact(self, link: str, **values: float) -> None:
+        """Give `link` other properties in contact: ``lateral_friction``, ``restitution``, or ``stiffness``, N/m, with ``damping``, N s/m.
+
+        Raises:
+            UserError: if no link that can touch anything has that name.
+        """
         element = self._root.find(f"link[@name='{link}']")
         if element is None or element.find("collision") is None:
             raise UserError(f"no link {link!r} that can touch anything; the model has {', '.join(self.touching()) or 'none'}")
         contact = element.find("contact")
         if contact is None:
             contact = ET.SubElement(element, "contact")
-        for present in contact.findall("lateral_friction"):
-            contact.remove(present)
-        ET.SubElement(contact, "lateral_friction", value=repr(float(coefficient)))
+        for name, value in values.items():
+            for present in contact.findall(name):
+                contact.remove(present)
+            ET.SubElement(contact, name, value=repr(float(value)))
 
     def friction(self, link: str) -> float:
         """Coefficient of friction of `link` in contact; Bullet's own where the file gives none."""
         given = self._root.find(f"link[@name='{link}']/contact/lateral_friction")
         return _BULLET_FRICTION if given is None else float(given.get("value", _BULLET_FRICTION))
+
+    def rub_on(self, friction: float, restitution: float) -> None:
+        """Let every link that can touch something do so with a ground of these coefficients: times its own where the file gives some, as Bullet does it."""
+        for link in self.touching():
+            given = {name: self._root.find(f"link[@name='{link}']/contact/{name}") for name in ("lateral_friction", "restitution")}
+            own = {name: 1.0 if found is None else float(found.get("value", "1")) for name, found in given.items()}
+            self.set_contact(link, lateral_friction=friction * own["lateral_friction"], restitution=restitution * own["restitution"])
+
+    def restitution(self, link: str) -> float:
+        """Coefficient of restitution of `link`."""
+        given = self._root.find(f"link[@name='{link}']/contact/restitution")
+        return 0.0 if given is None else float(given.get("value", "0"))
+
+    def bounces(self) -> bool:
+        """Whether a link has restitution."""
+        return any(self.restitution(link) for link in self.touching())
 
     def touching(self) -> tuple[str, ...]:
         """Links that can touch something."""

@@ -19,7 +19,7 @@ from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
 from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import BASE_DQ, BASE_Q, Layout
-from mpge_bench.envs.model import Model, rotor_of
+from mpge_bench.envs.model import Ground, Model, rotor_of
 from mpge_bench.envs.picture import Image, picture, visible
 
 Array = npt.NDArray[np.float64]
@@ -73,13 +73,15 @@ class World:
         timestep: physics step, s.
         substeps: physics steps a control step.
         gravity: m/s², along z, or the whole vector in the fixed base's or the world's frame.
-        friction: coefficient of a ground plane at z = 0 (multiplied with the link's own, as Bullet does); None for no ground.
+        friction: coefficient of a ground plane at z = 0, or where effects put it (multiplied with the link's own, as Bullet does); None for no ground.
         armature: rotor inertia in kg m² by joint, added to the joint's own inertia as MuJoCo's `armature` is. PyBullet has none, so the rotor is
             built: on a fixed base a massless link on the joint's axis, of inertia armature / ratio², geared to the joint at 1 : ratio; beside a floating
             base a flywheel geared to the joint at 1 : 1.
         iterations: of Bullet's constraint solver, a physics step.
         loops: ball joints that close kinematic loops.
         effects: installed in this order; their `actuate` runs in this order on every command.
+        bouncing: contacts begin where bodies touch, so that restitution comes out as it is said (within 0.02), in place of a little before, which catches
+            what would bounce. It is so wherever a link has restitution.
         seen: made for `render`: what has no colour gets one, and the ground can be seen.
 
     Raises:
@@ -98,6 +100,7 @@ class World:
         iterations: int = 10,
         loops: Sequence[Loop] = (),
         effects: Sequence[Effect] = (),
+        bouncing: bool = False,
         seen: bool = False,
     ) -> None:
         self.timestep = timestep
@@ -175,12 +178,11 @@ class World:
         for loop in loops:
             self._close(loop)
         if friction is not None:
-            if seen:
-                ground = bullet.loadURDF(str(BULLET_DATA / "plane100.urdf"), physicsClientId=self._client)
-            else:
-                plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self._client)
-                ground = bullet.createMultiBody(0, plane, physicsClientId=self._client)
-            bullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
+            self._lay_ground(model.ground, friction, seen=seen)
+        elif model.ground != Ground():
+            raise UserError("an effect moves the ground, and there is none here; take the effect out")
+        if bouncing or model.bounces():
+            self._let_bounce()
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
@@ -280,6 +282,23 @@ class World:
         gear = bullet.createConstraint(rotor_body, rotor, self._body, joint, bullet.JOINT_GEAR, axis, none, none, physicsClientId=self._client)
         bullet.changeConstraint(gear, gearRatio=ratio, maxForce=1e6, physicsClientId=self._client)
 
+    def _lay_ground(self, ground: Ground, friction: float, *, seen: bool) -> None:
+        place, client = [0.0, 0.0, ground.height], self._client
+        turn = bullet.getQuaternionFromEuler([*ground.tilt, 0.0])
+        if seen:
+            body = bullet.loadURDF(str(BULLET_DATA / "plane100.urdf"), place, turn, physicsClientId=client)
+        else:
+            plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+            body = bullet.createMultiBody(0, plane, -1, place, turn, physicsClientId=client)
+        # Bullet multiplies the restitution of both: how much there is is the link's to say, which has none by default.
+        bullet.changeDynamics(body, -1, lateralFriction=friction, restitution=1.0, physicsClientId=client)
+
+    def _let_bounce(self) -> None:
+        client = self._client
+        for link in range(-1, bullet.getNumJoints(self._body, physicsClientId=client)):
+            bullet.changeDynamics(self._body, link, contactProcessingThreshold=0.0, physicsClientId=client)
+        bullet.setPhysicsEngineParameter(contactERP=_BOUNCING_ERP, physicsClientId=client)
+
     def _close(self, loop: Loop) -> None:
         ends = []
         for link, point in ((loop.link, loop.point), (loop.other_link, loop.other_point)):
@@ -340,7 +359,7 @@ class World:
         if self.floating:
             self._put_base(q[:BASE_Q], dq[:BASE_DQ])
         turned, faster = layout.dx(change)[base:], layout.ddx(change)[base:]
-        found = bullet.getJointStates(self._body, self._state_index, physicsClientId=client)
+        found = bullet.getJointStates(self._body, self._state_index, physicsClientId=client) or ()
         angles, speeds = ([one[which] for one in found] for which in (0, 1))
         for joint in range(len(self.joints)):
             angles[joint] += turned[joint]
@@ -498,7 +517,8 @@ class World:
         if self._forces and self.floating:
             self._push()
         bullet.stepSimulation(physicsClientId=client)
-        states = bullet.getJointStates(self._body, self._q_index, physicsClientId=client)
+        # PyBullet answers None for no joints.
+        states = bullet.getJointStates(self._body, self._q_index, physicsClientId=client) or ()
         # Plain lists until the control step is done: within it they are only indexed.
         angles: Any = [state[0] for state in states]
         speeds: Any = [state[1] for state in states]
@@ -605,6 +625,8 @@ class World:
 
 #: Bullet's own residual at which its solver stops.
 _SOLVED = 1e-7
+#: Share of a penetration that a physics step takes back where things bounce: what it takes back, at most this share of the speed, adds to the bounce.
+_BOUNCING_ERP = 0.02
 #: Clients of worlds that are gone. A finalizer swallows what is raised in it, a Ctrl-C too: so it takes no time, and what does is done later.
 _dropped: list[int] = []
 

@@ -231,11 +231,15 @@ def diagnose(
         Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
-    horizon: Annotated[float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s.")] = 0.5,
+    horizon: Annotated[
+        float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s; of free bodies and contacts always 0.1.")
+    ] = 0.5,
     seconds: Annotated[
         float | None,
         typer.Option(
-            min=1.0, help="Time budget: about when it is up the best answer so far is given; 75 with recordings, 180 with --task. Many joints want more."
+            min=1.0,
+            help="Time budget: about when it is up the best answer so far is given; 75 with recordings, 300 with those of free bodies and contacts,"
+            " 180 with --task. Many joints want more.",
         ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
@@ -256,12 +260,15 @@ def diagnose(
         _diagnose_pair(task, samples, noise, seed, transitions, out, 180.0 if seconds is None else seconds, jobs, policies)
         return
     from mpge_bench.console import ConsoleProgress
+    from mpge_bench.diagnosis.data.rig import read_rig
     from mpge_bench.diagnosis.pipeline import diagnose_files
 
     assert rig is not None
     assert recording is not None
+    if seconds is None:
+        seconds = 75.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
-        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=75.0 if seconds is None else seconds, jobs=jobs, progress=progress)
+        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
     _say(found.summary, out, "report.html (open it in a browser), diagnosis.json, corrected.yaml")
 
 
@@ -317,7 +324,8 @@ def record(
     a target angle (rad) where motors are position-controlled (Minitaur). Each row is one control step: the state as the sensors read it, before the
     row's command acts. An episode
     that the task ends early (the robot fell) is recorded as far as it went.
-    Beside them OUT/rig.yaml and the robot's model file say what the simulator believes, where `diagnose` can take the robot: a fixed base, no ground.
+    Beside them OUT/rig.yaml says what the simulator believes: it names the robot or, of one on a fixed base that touches nothing, describes it, with the
+    model file.
     """
     from mpge_bench import record as recorder
     from mpge_bench.console import ConsoleProgress
@@ -330,13 +338,9 @@ def record(
     spans = {path: float(table["time"].iloc[-1]) for path, table in tables.items()}
     for path, table in tables.items():
         _out.print(f"{path}: {len(table)} rows, {spans[path]:.2f} s", soft_wrap=True)
-    robot = get_task(task).robot
     needed = DEFAULT.data
     short = sum(len(table) < needed.fewest_rows or spans[path] < needed.shortest for path, table in tables.items())
-    if not recorder.can_be_rig(robot):
-        kind = "a floating base" if robot.floating else "ground contact"
-        _out.print(f"No rig.yaml was written: `diagnose` cannot take robots with {kind}, such as the {robot.name}, yet.", soft_wrap=True)
-    elif short:
+    if short:
         advice = "give more --seconds" if policy == "target" else "try --policy target, which keeps the robot up longer"
         least = f"{needed.fewest_rows} rows and {needed.shortest} s are needed"
         _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({least}); {advice}.", soft_wrap=True)
@@ -356,15 +360,15 @@ def simulate(
     Example: python -m mpge_bench simulate --rig corrected.yaml --recording test.csv --horizon 0.5 --out predicted.csv
 
     Restarts from the recorded state every HORIZON seconds and runs the recording's own commands from there. Writes the predicted rows, at the
-    recording's times: time (s), q_JOINT (rad or m), dq_JOINT (rad/s or m/s), as the sensors would read them. Prints how far they are from
-    the recorded ones (root mean square over all rows).
+    recording's times: time (s), q_JOINT (rad or m), dq_JOINT (rad/s or m/s), as the sensors would read them, and the pose and twist of a free base.
+    Prints how far they are from the recorded ones (root mean square over all rows).
     """
     import numpy as np
     import pandas as pd
 
-    from mpge_bench.diagnosis.data.recording import read_recording, write_table
+    from mpge_bench.diagnosis.data.recording import errors, read_recording, write_table
     from mpge_bench.diagnosis.data.rig import read_rig
-    from mpge_bench.diagnosis.predict.bullet import simulate as predict
+    from mpge_bench.diagnosis.pipeline import simulated
 
     believed = read_rig(rig)
     real = read_recording(recording, believed)
@@ -375,16 +379,14 @@ def simulate(
         )
     if out.resolve() in (recording.resolve(), rig.resolve()):
         raise UserError(f"{out}: would be overwritten, but it is what the prediction is made from; choose another file with --out")
-    predicted = predict(believed, real, horizon)
+    predicted = simulated(believed, real, horizon)
     columns = {"time": predicted.time}
     for prefix, values in (("q", predicted.q), ("dq", predicted.dq)):
-        columns |= {f"{prefix}_{joint}": values[:, column] for column, joint in enumerate(believed.joints)}
+        columns |= {name: values[:, column] for column, name in enumerate(believed.columns[prefix])}
     write_table(pd.DataFrame(columns), out)
-    drawn = Table("joint", "RMS error of q", "RMS error of dq")
-    errors = (np.sqrt(np.mean((there - here) ** 2, 0)).tolist() for there, here in ((predicted.q, real.q), (predicted.dq, real.dq)))
-    for joint, position, speed in zip(believed.joints, *errors, strict=True):
-        unit = "m" if believed.model.is_prismatic(joint) else "rad"
-        drawn.add_row(joint, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
+    drawn = Table("joint" if believed.joints else "", "RMS error of q", "RMS error of dq")
+    for name, unit, position, speed in errors(predicted, real, believed):
+        drawn.add_row(name, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
     _out.print(drawn)
     _out.print(f"Written to {out}: {len(real.time)} rows, restarted every {horizon:g} s", soft_wrap=True)
 

@@ -17,8 +17,8 @@ import yaml
 from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.diagnosis.data.recording import write_table
-from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.envs import RobotEnv, Task, get_task
+from mpge_bench.diagnosis.data.rig import BASE_COLUMNS, Rig, read_rig
+from mpge_bench.envs import ROBOTS, RobotEnv, Task, get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.physics import Physics
 from mpge_bench.envs.robots.robot import Robot
@@ -60,18 +60,18 @@ class RecordSettings:
     format: str = "csv"
 
 
-def can_be_rig(robot: Robot) -> bool:
-    """Whether a rig can describe `robot`: it has a fixed base, touches nothing, and its model file says all of it but its springs."""
+def can_be_described(robot: Robot) -> bool:
+    """Whether a rig can describe `robot` by its model file: it has a fixed base, touches nothing, and the file says all of it but its springs."""
     return robot.friction is None and not robot.armature and not robot.floating
 
 
 def record(
     settings: RecordSettings, out: Path, *, overwrite: bool = False, policy_folder: Path = FOLDER, progress: Progress | None = None
 ) -> dict[Path, pd.DataFrame]:
-    """Record and write one file an episode and, for robots that can be one, ``rig.yaml`` with the model file beside it; all files or none.
+    """Record and write one file an episode, and ``rig.yaml``, which names the robot or describes it with the model file beside it; all files or none.
 
-    A robot that can be a rig is recorded in the rig's own world, where the joints' damping acts anew at each physics step. (In the benchmark Bullet holds it
-    over the control step.) So the source is exactly what the rig says, and the target differs from it by the pair's effects and nothing else.
+    A robot that a rig can describe is recorded in the rig's own world, where the joints' damping acts anew at each physics step. (In the benchmark Bullet
+    holds it over the control step.) So the source is exactly what the rig says, and the target differs from it by the pair's effects and nothing else.
 
     Returns:
         The recordings by file.
@@ -99,7 +99,8 @@ def record(
     except OSError as error:
         raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another folder with --out") from error
     try:
-        world: Physics = _write_rig(settings, robot, partial).world(effects, substeps=robot.substeps) if can_be_rig(robot) else _side(task, settings).world
+        rig = _write_rig(settings, task, partial)
+        world: Physics = _side(task, settings).world if rig.robot else rig.world(effects, substeps=robot.substeps)
         progress.stage(f"{settings.episodes} episodes", settings.episodes * steps)
         tables = {}
         rise = robot.rise(effects)
@@ -107,11 +108,7 @@ def record(
             rng = np.random.default_rng((settings.seed, episode))
             policy = None if policies is None else policies[(settings.seed + episode) % len(policies)]
             table = _episode(world, robot, policy, steps, rng, rise)
-            noise = np.random.default_rng((settings.seed, episode, 1))
-            for prefix, size in (("q", settings.noise_q), ("dq", settings.noise_dq)):
-                columns = _columns(prefix, world)
-                if size:
-                    table[columns] += size * noise.standard_normal((len(table), len(columns)))
+            table = _noisy(table, rig, settings, np.random.default_rng((settings.seed, episode, 1)))
             name = f"episode_{episode:0{max(2, len(str(settings.episodes - 1)))}d}.{settings.format}"
             write_table(table, partial / name)
             tables[out / name] = table
@@ -146,31 +143,41 @@ def random_actions(robot: Robot, steps: int, rng: np.random.Generator) -> Array:
     return actions
 
 
-def _write_rig(settings: RecordSettings, robot: Robot, folder: Path) -> Rig:
-    """Write what the source believes of `robot` as ``rig.yaml`` and read it back."""
+def _write_rig(settings: RecordSettings, task: Task, folder: Path) -> Rig:
+    """Write what the source believes of the robot as ``rig.yaml`` and read it back."""
+    robot = task.robot
     noise = {name: value for name, value in (("q", settings.noise_q), ("dq", settings.noise_dq)) if value}
-    data: dict[str, Any] = {
-        "robot": robot.model.name,
-        "base": "fixed",
-        "gravity": [0.0, 0.0, -9.81],
-        "timestep": robot.timestep,
-        "record_period": robot.dt,
-        "joints": {joint: {"mode": "torque" if joint in robot.actuators else "passive"} for joint in robot.joints},
-        **({"noise": noise} if noise else {}),
-        **({"effects": [effect.to_dict() for effect in robot.nominal]} if robot.nominal else {}),
-    }
-    (folder / robot.model.name).write_bytes(robot.load().text())
+    data: dict[str, Any] = {"task": robot.name if robot.name in ROBOTS else str(Path(task.address).resolve())}
+    if can_be_described(robot):
+        data = {
+            "robot": robot.model.name,
+            "base": "fixed",
+            "gravity": [0.0, 0.0, -9.81],
+            "timestep": robot.timestep,
+            "record_period": robot.dt,
+            "joints": {joint: {"mode": "torque" if joint in robot.actuators else "passive"} for joint in robot.joints},
+        }
+        (folder / robot.model.name).write_bytes(robot.load().text())
+        if robot.nominal:
+            data["effects"] = [effect.to_dict() for effect in robot.nominal]
     head = f"# {robot.name} as the source of {settings.task} has it.\n"
-    (folder / "rig.yaml").write_text(head + yaml.safe_dump(data, sort_keys=False, default_flow_style=None), "utf-8")
+    (folder / "rig.yaml").write_text(head + yaml.safe_dump(data | ({"noise": noise} if noise else {}), sort_keys=False, default_flow_style=None), "utf-8")
     return read_rig(folder / "rig.yaml")
 
 
-#: What the columns of a floating base are called, in the order of q and dq.
-_BASE = {"q": ["x", "y", "z", "qx", "qy", "qz", "qw"], "dq": ["vx", "vy", "vz", "wx", "wy", "wz"]}
+def _noisy(table: pd.DataFrame, rig: Rig, settings: RecordSettings, rng: np.random.Generator) -> pd.DataFrame:
+    """`table` as sensors with noise read it: orientations are turned by as much as joints are."""
+    layout, columns = rig.layout, [*rig.columns["q"], *rig.columns["dq"]]
+    sizes = (settings.noise_q, settings.noise_dq)
+    if not any(sizes):
+        return table
+    off = [size * rng.standard_normal((len(table), layout.nv)) if size else np.zeros((len(table), layout.nv)) for size in sizes]
+    table[columns] = layout.plus(table[columns].to_numpy(), np.concatenate(off, 1))
+    return table
 
 
 def _columns(prefix: str, world: Physics) -> list[str]:
-    return [*(_BASE[prefix] if world.floating and prefix in _BASE else ()), *(f"{prefix}_{joint}" for joint in world.joints)]
+    return [*(BASE_COLUMNS.get(prefix, ()) if world.floating else ()), *(f"{prefix}_{joint}" for joint in world.joints)]
 
 
 def _episode(world: Physics, robot: Robot, policy: PolicySet | None, steps: int, rng: np.random.Generator, rise: float) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from mpge_bench.envs.effects.actuator import (
     TorqueGain,
     TorqueLimit,
 )
-from mpge_bench.envs.effects.body import AttachedMass, ComOffset, ContactFriction, InertiaScale, LinkSize, MassScale, Payload
+from mpge_bench.envs.effects.body import AttachedMass, ComOffset, ContactCompliance, ContactFriction, InertiaScale, LinkSize, MassScale, Payload, Restitution
 from mpge_bench.envs.effects.effect import CATALOGUE, Effect, Hidden, Parameter, Scale, effect_from_dict
 from mpge_bench.envs.effects.joint import (
     AirDrag,
@@ -29,7 +29,7 @@ from mpge_bench.envs.effects.joint import (
     ViscousFriction,
 )
 from mpge_bench.envs.effects.sensor import SensorBias, SensorDelay, SensorScale
-from mpge_bench.envs.effects.world import ExternalForce, Gravity
+from mpge_bench.envs.effects.world import ExternalForce, Gravity, GroundHeight, GroundTilt
 
 __all__ = [
     "CATALOGUE",
@@ -39,6 +39,7 @@ __all__ = [
     "BackEmfLimit",
     "Backlash",
     "ComOffset",
+    "ContactCompliance",
     "ContactFriction",
     "CoulombFriction",
     "DcMotor",
@@ -47,6 +48,8 @@ __all__ = [
     "Effect",
     "ExternalForce",
     "Gravity",
+    "GroundHeight",
+    "GroundTilt",
     "Hidden",
     "InertiaScale",
     "JointDamping",
@@ -60,6 +63,7 @@ __all__ = [
     "Parameter",
     "Payload",
     "PositionServo",
+    "Restitution",
     "RotorScale",
     "Scale",
     "SensorBias",

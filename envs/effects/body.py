@@ -201,3 +201,54 @@ class ContactFriction(Effect):
     @classmethod
     def absent(cls, scale: Scale) -> list[float]:
         return [scale.friction]
+
+
+@dataclass(frozen=True)
+class Restitution(Effect):
+    """The link (``"*"``: every link) bounces off the ground with `coefficient` of the speed at which it came, whatever the model says."""
+
+    coefficient: float
+
+    name = "restitution"
+    sentence = "The {target} bounces off the ground with a coefficient of restitution of {coefficient}."
+    on = "link"
+    takes_all = True
+    parameters = {"coefficient": Parameter("1", 0.0, 1.0, neutral=math.inf)}
+
+    def install(self, model: Model) -> None:
+        for link in model.touching() if self.target == "*" else (self.target,):
+            model.set_contact(link, restitution=self.coefficient)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"coefficient": abs(scale.restitution - 0.2)}] if scale.friction else []
+
+    @classmethod
+    def absent(cls, scale: Scale) -> list[float]:
+        return [scale.restitution]
+
+
+@dataclass(frozen=True)
+class ContactCompliance(Effect):
+    """The link (``"*"``: every link) meets the ground through a spring of `stiffness` and a damper, at each point of contact, in place of a hard one."""
+
+    stiffness: float
+    damping: float
+
+    name = "contact_compliance"
+    sentence = "The {target} meets the ground softly: {stiffness} and {damping} at each point of contact."
+    on = "link"
+    takes_all = True
+    parameters = {"stiffness": Parameter("N/m", 1.0, 1e9, neutral=math.inf), "damping": Parameter("N s/m", 0.0, 1e7, neutral=math.inf)}
+
+    def install(self, model: Model) -> None:
+        for link in model.touching() if self.target == "*" else (self.target,):
+            model.set_contact(link, stiffness=self.stiffness, damping=self.damping)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        if not scale.friction:
+            return []
+        # A contact that gives way for about 10 and 30 ms, a third of critically damped.
+        speeds = (2 * math.pi / 0.02, 2 * math.pi / 0.06)
+        return [{"stiffness": scale.mass * speed**2, "damping": 0.6 * scale.mass * speed} for speed in speeds]

@@ -81,6 +81,7 @@ class Scale:
         duration: of the shortest recording, s.
         gravity: nominal, m/s², shape (3,).
         friction: coefficient of the link in contact; 0 where it touches nothing.
+        restitution: coefficient of the link in contact.
         damping: of the joint as the model has it, N m s/rad.
         rotor: inertia of the joint's rotor as the model has it, kg m².
         servo_period: s, between commands to a servo; 0 where commands are torques.
@@ -98,6 +99,7 @@ class Scale:
     duration: float
     gravity: tuple[float, float, float]
     friction: float = 0.0
+    restitution: float = 0.0
     damping: float = 0.0
     rotor: float = 0.0
     servo_period: float = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
@@ -57,3 +57,43 @@ class ExternalForce(Effect):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         force = 0.05 * scale.torque / scale.length
         return [{"vector": tuple(force * (axis == other) for other in range(3))} for axis in range(3)]
+
+
+@dataclass(frozen=True)
+class GroundHeight(Effect):
+    """The ground lies at `height`, m, in place of 0; or whatever tells heights is off by as much."""
+
+    height: float
+
+    name = "ground_height"
+    sentence = "The ground lies at a height of {height}, or the recorded heights are off by as much."
+    on = "world"
+    parameters = {"height": Parameter("m", -100.0, 100.0)}
+
+    def install(self, model: Model) -> None:
+        model.ground = replace(model.ground, height=self.height)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"height": share * scale.length} for share in (-0.02, 0.02)] if scale.friction else []
+
+
+@dataclass(frozen=True)
+class GroundTilt(Effect):
+    """The ground is turned by `x` and `y`, rad, about the world's axes, and gravity is not."""
+
+    x: float
+    y: float
+
+    name = "ground_tilt"
+    sentence = "The ground is turned by {x} about the x axis and by {y} about the y axis."
+    on = "world"
+    told_apart = {"gravity": "look at free flight, in which the ground has no say"}
+    parameters = {axis: Parameter("rad", -1.0, 1.0) for axis in "xy"}
+
+    def install(self, model: Model) -> None:
+        model.ground = replace(model.ground, tilt=(self.x, self.y))
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"x": 0.01, "y": 0.0}, {"x": 0.0, "y": 0.01}] if scale.friction else []

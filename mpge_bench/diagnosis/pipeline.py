@@ -23,6 +23,8 @@ from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording, find_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.free.pipeline import diagnose_free
+from mpge_bench.diagnosis.free.predicted import predicted
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.diagnosis.predict.smooth import reference
@@ -80,7 +82,7 @@ def diagnose(
     """Compare `rig` with `recordings`: locate the mismatch, choose the effects that explain it, judge the confidence.
 
     Args:
-        horizon: how far ahead predictions are judged, s.
+        horizon: how far ahead predictions are judged, s; of what moves freely or touches something always a window of the settings.
         seconds: time budget; the best answer so far is given when it is up.
         jobs: processes.
 
@@ -89,6 +91,12 @@ def diagnose(
     """
     begun = begin_budget()
     clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
+    if not rig.is_tree:
+        if progress:
+            progress.stage("fitting models", 0)
+        with Workers(jobs) as workers:
+            result, effects = diagnose_free(rig, recordings, clock, workers, progress.advance if progress else lambda steps: None, settings)
+        return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))
     parts = parted(measurements(rig, recordings, settings))
     measured = parts.searched
     simulate(rig, measured.recordings[0], horizon, settings=settings)  # an unstable one is refused before anything is searched
@@ -101,6 +109,15 @@ def diagnose(
         choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
         result, effects = conclude(choice, parts, clock)
     return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))
+
+
+def simulated(rig: Rig, recording: Recording, horizon: float) -> Recording:
+    """The recording as `rig` predicts it, restarted from the recorded state every `horizon` seconds.
+
+    Raises:
+        UserError: if the simulation becomes unstable, or rows do not come as it needs them.
+    """
+    return simulate(rig, recording, horizon) if rig.is_tree else predicted(rig, recording, horizon)
 
 
 def diagnose_files(
@@ -126,7 +143,7 @@ def diagnose_files(
     robot = os.path.relpath(rig.model.path.resolve(), out.resolve())
     texts = {
         "report.html": report_html(found.result),
-        "corrected.yaml": yaml.safe_dump({**found.corrected, "robot": robot}, sort_keys=False),
+        "corrected.yaml": yaml.safe_dump(found.corrected if rig.robot else {**found.corrected, "robot": robot}, sort_keys=False),
         "diagnosis.json": json.dumps(found.data, indent=1),
     }
     for name, text in texts.items():

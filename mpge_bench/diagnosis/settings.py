@@ -43,6 +43,13 @@ class DataSettings:
     smoothing: float = _setting(0.035, "s", "half the width of the local cubics: shorter than the motion's features, longer than the noise's")
     unseen: float = _setting(0.25, "share", "of the recordings, or of the time of each, that neither fits nor choices look at")
     few: int = _setting(3, "recordings", "below which there is none to spare for each of fitting, choosing and judging: they are cut in time")
+    quaternion: float = _setting(0.01, "1", "quaternions written with two digits are off by less; others are no orientations")
+    jump: float = _setting(8.0, "times", "the speed of the rows around: impacts stop a body or turn it round, but nothing hurls it for a single row")
+    jump_place: float = _setting(1.0, "m/s", "and beyond that by as much, lest a body at rest be said to jump")
+    jump_turn: float = _setting(15.0, "rad/s", "the same of its orientation; what tips over is fast for a moment")
+    fall: float = _setting(0.05, "s", "over which it is asked whether a body falls: what falls for twice as long falls 5 cm")
+    falls: float = _setting(0.5, "share of gravity", "a downward acceleration below it is no free fall")
+    held: float = _setting(0.2, "share of the rows", "in which a body must not fall before something is said to carry it")
     encoder_share: float = _setting(0.5, "share of the rows", "an encoder repeats its few values; a fine sensor hardly ever does")
     encoder_percentile: float = _setting(5.0, "percent", "the smallest differences of distinct values are one step; a few are rounding")
 
@@ -218,6 +225,7 @@ class ReplaySettings:
     most_rows: int = _setting(120, "rows", "are looked at first, however few")
     stretch: int = _setting(15, "rows", "in a row, for what remembers")
     drafted: int = _setting(2_400, "entries", "of observations that drafts are fitted to: a transition tells more where more is observed")
+    room: float = _setting(1.0, "times what the source leaves of its own", "that a right model may leave")
     fitted: int = _setting(4_800, "entries", "that models are fitted to in the end")
     fitted_noisy: int = _setting(9_600, "entries", "the same where there is noise to average out")
     trusts: tuple[float, ...] = _setting((0.1, 0.2, 0.3, 0.5, 0.7, 1.0), "shares of a difference", "tried, of which the source's own transitions choose")
@@ -231,6 +239,7 @@ class ReplaySettings:
     followed: int = _setting(5, "drafts", "of a round, the best after these, go on")
     iterations: int = _setting(4, "iterations", "of those: enough to see which come near")
     iterations_polish: int = _setting(15, "iterations", "of a model that is followed up")
+    walks: tuple[float, ...] = _setting((), "shares of a parameter", "steps of a walk after least squares: transitions are smooth enough without")
     softness: float = _setting(2.0, "times the median", "residuals beyond count less in fits: contacts that come a step sooner or later")
     shared: float = _setting(0.1, "share of all entries' median", "least scale of one entry's residuals, lest what fits already hold the rest")
     exact_share: float = _setting(0.998, "share of the entries", "in which nothing but rounding is left where a model is exact")
@@ -256,6 +265,42 @@ class ReplaySettings:
 
 
 @dataclass(frozen=True)
+class FreeSettings:
+    """Of recordings of what moves freely or touches something (`mpge_bench.diagnosis.free`)."""
+
+    smoothing: float = _setting(0.02, "s", "half the width of the parabolas that give velocities: a few rows between two impacts")
+    least_noise: float = _setting(1e-5, "m, rad", "recordings made by a simulator may have none at all")
+    late: float = _setting(0.25, "rows", "recorded velocities that lag by more are difference quotients, half a row late")
+    calm: float = _setting(2.0, "standard deviations", "misfit of parabolas up to which the poses tell velocities")
+    doubt: float = _setting(2.0, "times", "what the noise makes of a parabola's slope: motion is no parabola")
+    even: float = _setting(0.05, "rows", "rows may come that much sooner or later")
+    window: float = _setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")
+    fewest_rows: int = _setting(5, "rows", "of a window: fewer are nothing but their start")
+    moved: float = _setting(30.0, "standard deviations of q", "what moves less within a window tells nothing")
+    run_in: int = _setting(2, "rows", "before a window's start through which the simulator runs: a solver needs a few steps to be warm")
+    screening: int = _setting(3000, "windows", "predicted to look at all hypotheses once, and again for the test")
+    fewest: int = _setting(24, "windows", "are looked at, however many hypotheses there are")
+    few: int = _setting(60, "windows", "are looked at, and drafts fitted to, however few hypotheses there are")
+    checked: int = _setting(8, "hypotheses", "are looked at a second time")
+    tried: int = _setting(4, "hypotheses", "are fitted in each round: each costs dozens of seconds")
+    polished: int = _setting(2, "models", "of a round are fitted to the end")
+    iterations: int = _setting(1, "iterations", "of least squares in a draft, before the walk")
+    iterations_polish: int = _setting(2, "iterations", "of a model that is followed up")
+    walks: tuple[float, ...] = _setting((0.2, 0.05), "shares of a parameter", "steps of a walk after least squares, which contacts bring to a stop too soon")
+    difference: float = _setting(0.1, "share of a parameter", "for derivatives: with a hundredth, fits stop at the jerks of single contacts")
+    choosing: float = _setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
+    judged: int = _setting(8, "models", "the best ones, are held against what models are chosen by")
+    fast: float = _setting(0.3, "m/s", "a change of speed within two rows either way from which a touch is an impact")
+    slow: float = _setting(0.05, "m/s", "below which a body that touches the ground is at rest, with the next")
+    slow_turn: float = _setting(0.3, "rad/s", "the same of its spin, and of joints")
+    touch: float = _setting(0.003, "m", "from the ground, up to which a body touches it: tables are no planes")
+    windows: int = _setting(240, "windows", "of what is searched on, at most: a second or two of simulator for each model")
+    unseen_windows: int = _setting(160, "windows", "that are held out, at most")
+    outlying: float = _setting(5.0, "standard deviations", "what is missed by more tells of the simulator, not of where a window started")
+    worst: float = _setting(1e5, "standard deviations", "residuals are cut off at, lest a simulation that flies apart decide")
+
+
+@dataclass(frozen=True)
 class DiagnosisSettings:
     """All of them, by stage."""
 
@@ -266,6 +311,7 @@ class DiagnosisSettings:
     choose: ChooseSettings = ChooseSettings()
     verdict: VerdictSettings = VerdictSettings()
     replay: ReplaySettings = ReplaySettings()
+    free: FreeSettings = FreeSettings()
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain values by stage and name, as diagnosis.json holds them."""

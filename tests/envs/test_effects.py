@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,6 +27,7 @@ from mpge_bench.envs.effects import (
     BackEmfLimit,
     Backlash,
     ComOffset,
+    ContactCompliance,
     ContactFriction,
     CoulombFriction,
     DcMotor,
@@ -34,6 +36,8 @@ from mpge_bench.envs.effects import (
     Effect,
     ExternalForce,
     Gravity,
+    GroundHeight,
+    GroundTilt,
     Hidden,
     InertiaScale,
     JointDamping,
@@ -46,6 +50,7 @@ from mpge_bench.envs.effects import (
     MassScale,
     Payload,
     PositionServo,
+    Restitution,
     RotorScale,
     Scale,
     SensorBias,
@@ -79,6 +84,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "back_emf_limit": {"stall": (50.0, 55.0), "no_load_speed": (3.0, 4.0)},
     "backlash": {"width": (0.02, 0.03), "motor_inertia": (0.5, 0.6)},
     "com_offset": {"x": (0.05, 0.1), "y": (0.05, 0.1), "z": (0.05, 0.1)},
+    "contact_compliance": {"stiffness": (1e4, 2e4), "damping": (50.0, 150.0)},
     "contact_friction": {"coefficient": (0.4, 0.6)},
     "coulomb_friction": {"torque": (10.0, 11.0)},
     "dc_motor": {
@@ -92,6 +98,8 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "delay": {"seconds": (0.011, 0.0115)},
     "external_force": {"vector": ((5.0, 0.0, 2.0), (5.0, 0.0, 3.0))},
     "gravity": {"vector": ((0.0, 0.0, -9.0), (1.0, 0.0, -9.0))},
+    "ground_height": {"height": (0.01, 0.02)},
+    "ground_tilt": {"x": (0.1, 0.2), "y": (0.1, 0.2)},
     "inertia_scale": {"factor": (1.5, 2.0)},
     "joint_damping": {"damping": (3.0, 4.0)},
     "joint_elasticity": {"stiffness": (1000.0, 1200.0), "damping": (2.0, 4.0), "motor_inertia": (0.5, 0.6)},
@@ -103,6 +111,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "mass_scale": {"factor": (1.1, 1.2)},
     "payload": {"mass": (1.0, 1.5), "distance": (0.3, 0.4)},
     "position_servo": {"kp": (50.0, 60.0), "kd": (5.0, 6.0), "servo_period": (0.004, 0.02)},
+    "restitution": {"coefficient": (0.3, 0.6)},
     "rotor_scale": {"factor": (1.5, 2.0)},
     "sensor_bias": {"offset": (0.1, 0.2)},
     "sensor_delay": {"seconds": (0.01, 0.015)},
@@ -119,7 +128,9 @@ FURTHER: dict[str, dict[str, Any]] = {"unknown": {"signal": "dq"}}
 #: What changes nothing for a robot that moves in the plane of x and z.
 OUT_OF_PLANE = {("attached_mass", "y"), ("com_offset", "y")}
 #: Where `TARGETS` would not do.
-OTHER_TARGETS = {"contact_friction": "foot"}
+OTHER_TARGETS = {"contact_compliance": "foot", "contact_friction": "foot", "restitution": "foot"}
+#: What shows in contact alone.
+OF_CONTACT = {*OTHER_TARGETS, "ground_height", "ground_tilt"}
 TARGETS = {"joint": "thigh_joint", "sensor": "thigh_joint", "link": "thigh", "world": "world"}
 
 
@@ -846,7 +857,7 @@ def hopper_motion(*installed: Effect, sliding: bool = False) -> np.ndarray:
 def test_every_parameter_of_every_effect_changes_the_motion() -> None:
     assert {name: set(values) for name, values in VALUES.items()} == {name: set(kind.parameters) for name, kind in CATALOGUE.items()}
     for name, values in VALUES.items():
-        sliding = name == "contact_friction"
+        sliding = name in OF_CONTACT
         reference = hopper_motion(example(name), sliding=sliding)
         assert not np.allclose(reference, hopper_motion(sliding=sliding), rtol=0, atol=1e-4), name
         for parameter, (_, other) in values.items():
@@ -1002,3 +1013,56 @@ def test_what_an_effect_says_of_others_names_effects(kind: type[Effect]) -> None
     assert others <= set(CATALOGUE) - {kind.name}
     # An experiment that tells two effects apart is written once.
     assert not [other for other in kind.told_apart if kind.name in CATALOGUE[other].told_apart]
+
+
+@pytest.fixture(scope="module")
+def brick_and_ball(tmp_path_factory: pytest.TempPathFactory) -> tuple[Model, Model]:
+    """A free brick, 0.2 m long and wide and 0.1 m high, and a free ball of 0.05 m radius, of 1 kg each."""
+    found = []
+    for name, shape in (("brick", '<box size="0.2 0.2 0.1"/>'), ("ball", '<sphere radius="0.05"/>')):
+        path = tmp_path_factory.mktemp(name) / f"{name}.urdf"
+        path.write_text(
+            f'<robot name="{name}"><link name="{name}"><inertial><mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+            f"<collision><geometry>{shape}</geometry></collision></link></robot>"
+        )
+        found.append(Model(path, floating=True))
+    return found[0], found[1]
+
+
+def thrown(body: Model, q: Sequence[float], dq: Sequence[float], seconds: float, *effects: Effect) -> World:
+    """`body` above ground of friction 1, `seconds` after it was at `q` (7 numbers) with the velocity `dq` (3)."""
+    world = World(body, timestep=STEP, friction=1.0, effects=effects)
+    world.set_state(q, [*dq, 0, 0, 0])
+    world.roll(np.zeros((round(seconds / STEP), 0)))
+    return world
+
+
+@pytest.mark.parametrize("height", [0.06, 0.0604, 0.0609, 0.0613])
+def test_restitution_is_the_share_of_the_speed_that_is_left(brick_and_ball: tuple[Model, Model], height: float) -> None:
+    """Wherever within a physics step the ground is touched."""
+    for share in (0.1, 0.3, 0.7):
+        world = thrown(brick_and_ball[1], [0, 0, height, 0, 0, 0, 1], [0, 0, -2.0], 0.02, Restitution("ball", share))
+        assert world.dq[2] + 9.81 * 0.015 == pytest.approx(2.05 * share, abs=0.08)
+
+
+def test_a_ground_that_is_higher_carries_higher(brick_and_ball: tuple[Model, Model]) -> None:
+    world = thrown(brick_and_ball[0], [0, 0, 0.1, 0, 0, 0, 1], [0, 0, 0], 0.8, GroundHeight("world", 0.03))
+    assert world.q[2] == pytest.approx(0.08, abs=1e-3)
+
+
+def test_what_lies_on_tilted_ground_slides_as_the_slope_says(brick_and_ball: tuple[Model, Model]) -> None:
+    tilt, rubbing = 0.3, 0.1
+    start = [0.05 * np.sin(tilt), 0, 0.05 * np.cos(tilt), 0, np.sin(tilt / 2), 0, np.cos(tilt / 2)]
+    world = thrown(brick_and_ball[0], start, [0, 0, 0], 0.4, GroundTilt("world", 0.0, tilt), ContactFriction("brick", rubbing))
+    assert world.dq[0] == pytest.approx(9.81 * 0.4 * np.cos(tilt) * (np.sin(tilt) - rubbing * np.cos(tilt)), rel=0.05)
+
+
+def test_compliance_is_a_spring_at_a_point_of_contact(brick_and_ball: tuple[Model, Model]) -> None:
+    stiffness = 2000.0
+    world = thrown(brick_and_ball[1], [0, 0, 0.05, 0, 0, 0, 1], [0, 0, 0], 2.0, ContactCompliance("ball", stiffness, 20.0))
+    assert 0.05 - world.q[2] == pytest.approx(9.81 / stiffness, rel=0.05)
+
+
+def test_ground_that_is_not_there_cannot_be_moved(brick_and_ball: tuple[Model, Model]) -> None:
+    with pytest.raises(UserError, match="moves the ground, and there is none"):
+        World(brick_and_ball[0], timestep=STEP, effects=[GroundHeight("world", 0.1)])

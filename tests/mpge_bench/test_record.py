@@ -17,9 +17,11 @@ import pytest
 import yaml
 
 from mpge_bench import cli
-from mpge_bench.diagnosis.data.recording import read_recording
+from mpge_bench.diagnosis.data.recording import errors, read_recording
 from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.free.predicted import predicted
 from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.settings import DataSettings
 from mpge_bench.envs import ROBOTS, get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.record import RecordSettings, random_actions, record
@@ -135,10 +137,11 @@ def test_a_recording_repeats_and_noise_is_on_the_recording_alone(tmp_path: Path)
     assert read_rig(tmp_path / "a" / "rig.yaml").noise == {}
 
 
-def test_robots_on_the_ground_are_recorded_without_a_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_robots_on_the_ground_are_recorded_with_a_rig_that_names_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cli.record("broken_hopper", tmp_path, episodes=2)
-    assert "`diagnose` cannot take robots with ground contact, such as the hopper, yet" in capsys.readouterr().out
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["episode_00.csv", "episode_01.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["episode_00.csv", "episode_01.csv", "rig.yaml"]
+    assert read_rig(tmp_path / "rig.yaml").robot == ROBOTS["hopper"]
+    capsys.readouterr()
     hopper, found = ROBOTS["hopper"], pd.read_csv(tmp_path / "episode_00.csv")
     assert list(found.columns) == ["time", *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq") for joint in hopper.joints)]
     assert (found[[f"u_{joint}" for joint in hopper.joints[:3]]] == 0).all(axis=None)
@@ -148,6 +151,19 @@ def test_robots_on_the_ground_are_recorded_without_a_rig(tmp_path: Path, capsys:
     u, q, dq = (found[[f"{prefix}_{joint}" for joint in hopper.joints]].to_numpy() for prefix in ("u", "q", "dq"))
     world.set_state(q[0], dq[0])
     assert np.array(world.roll(u[:-1])) == pytest.approx(np.array([q[1:], dq[1:]]), abs=1e-9)
+
+
+def test_every_robot_is_recorded_and_simulated_from_its_recording(tmp_path: Path) -> None:
+    """Noise turns a base and leaves its quaternion one; a tenth of a second ahead the target's effects predict what was recorded."""
+    for name in ("broken_hopper", "ant_gravity", "late_minitaur"):
+        task = get_task(name)
+        (path, *_) = record(RecordSettings(name, episodes=1, seconds=1.0, noise_q=1e-4, noise_dq=1e-3), tmp_path / name)
+        rig = read_rig(tmp_path / name / "rig.yaml")
+        recording = read_recording(path, rig, DataSettings(fewest_rows=5, shortest=0.01))
+        assert recording.q.shape == (len(recording.time), rig.layout.nq)
+        known = predicted(rig, recording, 4 * rig.record_period, effects=task.effects)
+        for _, unit, position, _ in errors(known, recording, rig):
+            assert position < 0.02, (name, unit)
 
 
 def test_recordings_too_short_to_diagnose_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

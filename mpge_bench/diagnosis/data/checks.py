@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.motion import differentiate
+from mpge_bench.diagnosis.data.pose import check_carried
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DEFAULT, DataSettings, DiagnosisSettings
@@ -49,10 +50,14 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
     """The recordings, checked together: motion, units.
 
     Raises:
-        UserError: as `read_recording`, and if nothing moves in any of them, or angles look like degrees.
+        UserError: as `read_recording`, and if nothing moves in any of them, angles look like degrees, or a body does not fall that nothing carries.
     """
     recordings = [read_recording(path, rig, settings) for path in paths]
-    _check_units(recordings, rig, settings)
+    if rig.is_tree:
+        _check_units(recordings, rig, settings)
+    elif rig.model.floating and not rig.ground:
+        for one in recordings:
+            check_carried(one.path, one.time, one.q, rig.gravity, settings)
     spread = max(float(np.ptp(recording.q, axis=0).max()) for recording in recordings)
     resolution = max(rig.noise.get("q", 0.0) * settings.still, 1e-9)
     if spread <= resolution:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from mpge_bench.diagnosis.data.pose import checked_pose
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DEFAULT, DataSettings
 from mpge_bench.envs.errors import UserError, one_line
@@ -24,15 +25,15 @@ _PARQUET = (".parquet", ".pq")
 
 @dataclass(frozen=True)
 class Recording:
-    """Commands and motion of all joints of a rig; columns in the order of the rig's joints.
+    """Commands and motion of all joints of a rig, in the order of the rig's joints, and before them of its base if that is free.
 
     Attributes:
         path: the file.
         time: s, shape (rows,), rising.
         u: commands, N m, N or (position mode) rad, shape (rows, joints); row i acts until row i + 1. Where a column ``enabled_<joint>`` is 0 the motor is
             off: torque 0, or NaN for a target angle.
-        q: recorded positions, rad or m, same shape.
-        dq: recorded velocities, same shape; NaN in the columns of joints without.
+        q: recorded coordinates, rad or m, of a free base m and a quaternion of length 1, shape (rows, nq) of the rig's layout.
+        dq: recorded velocities, shape (rows, nv); NaN in the columns of what was recorded without.
     """
 
     path: Path
@@ -70,7 +71,7 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
 
     Raises:
         UserError: naming file, column and row (counted from 1, without the header), if a column is missing or of an unknown joint, a value is no finite
-            number, time does not rise, or the recording is too short.
+            number, time does not rise, the recording is too short, or a free base's pose is none.
     """
     table = _table(path)
     _check_columns(path, table, rig)
@@ -87,40 +88,60 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
         if f"enabled_{joint}" in table.columns:
             on = _numbers(table[f"enabled_{joint}"]) != 0
             values[f"u_{joint}"] = np.where(on, values[f"u_{joint}"], np.nan if rig.modes[joint] == "position" else 0.0)
-    nothing = np.zeros(len(time))
-    return Recording(
-        path,
-        time,
-        np.column_stack([values.get(f"u_{joint}", nothing) if joint in rig.driven else nothing for joint in rig.joints]),
-        np.column_stack([values[f"q_{joint}"] for joint in rig.joints]),
-        np.column_stack([values.get(f"dq_{joint}", np.full(len(time), np.nan)) for joint in rig.joints]),
-    )
+    nothing, unknown = np.zeros(len(time)), np.full(len(time), np.nan)
+    u = [values.get(f"u_{joint}", nothing) if joint in rig.driven else nothing for joint in rig.joints]
+    q, dq = ([values.get(column, unknown) for column in rig.columns[prefix]] for prefix in ("q", "dq"))
+    place = np.column_stack(q)
+    if rig.model.floating:
+        place = checked_pose(path, time, place, settings)
+    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq))
 
 
 def _needed(rig: Rig) -> list[str]:
-    return ["time", *(f"u_{joint}" for joint in rig.driven), *(f"q_{joint}" for joint in rig.joints)]
+    return ["time", *(f"u_{joint}" for joint in rig.driven), *rig.columns["q"]]
 
 
 def _check_columns(path: Path, table: pd.DataFrame, rig: Rig) -> None:
     for prefix in ("u", "q", "dq"):
         for column in table.columns:
             if str(column).startswith(f"{prefix}_") and str(column)[len(prefix) + 1 :] not in rig.joints:
-                raise UserError(f"{path}: column {column} is of a joint that the rig has not; it has {', '.join(rig.joints)}")
+                raise UserError(f"{path}: column {column} is of a joint that the rig has not; it has {', '.join(rig.joints) or 'none'}")
+    if not rig.model.floating and {"qx", "qy", "qz", "qw"} <= set(table.columns):
+        raise UserError(f"{path}: columns qx, qy, qz, qw are of a free base, and the rig's is fixed; write base: free in the rig, or take another recording")
+    velocities = "vx, vy, vz, wx, wy, wz" if rig.model.floating else "dq_<joint>"
     for column in _needed(rig):
         if column not in table.columns:
-            raise UserError(f"{path}: no column {column}; a recording of this rig has {', '.join(_needed(rig))} and, if measured, dq_<joint>")
+            raise UserError(f"{path}: no column {column}; a recording of this rig has {', '.join(_needed(rig))} and, if measured, {velocities}")
 
 
 def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     """The columns that are needed or of use, as finite numbers; velocities may be missing throughout."""
     values = {}
-    for column in [*_needed(rig), *(f"dq_{joint}" for joint in rig.joints if f"dq_{joint}" in table.columns)]:
+    for column in [*_needed(rig), *(column for column in rig.columns["dq"] if column in table.columns)]:
         numbers = _numbers(table[column])
         bad = np.flatnonzero(~np.isfinite(numbers))
-        if len(bad) and not (column.startswith("dq_") and len(bad) == len(numbers)):
+        if len(bad) and not (column in rig.columns["dq"] and len(bad) == len(numbers)):
             raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} is not a finite number; mend or cut this row")
         values[column] = numbers
     return values
+
+
+def errors(predicted: Recording, recorded: Recording, rig: Rig) -> list[tuple[str, str, float, float]]:
+    """Root mean squares of what a prediction misses: of a free base's place and orientation, and of each joint.
+
+    Returns:
+        Name, unit of the position, error of the position and of the velocity (NaN where none was measured).
+    """
+    layout = rig.layout
+    off = layout.minus(layout.state(recorded.q, recorded.dq), layout.state(predicted.q, predicted.dq))
+    base = layout.nv - layout.joints
+    parts = [("place", "m", slice(0, 3)), ("orientation", "rad", slice(3, 6))][:base]
+    parts += [(joint, rig.units(joint).position, slice(base + column, base + column + 1)) for column, joint in enumerate(rig.joints)]
+    found = []
+    for name, unit, part in parts:
+        position, speed = (float(np.sqrt(np.mean((one[:, part] ** 2).sum(1)))) for one in (layout.dx(off), layout.ddx(off)))
+        found.append((name, unit, position, speed))
+    return found
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

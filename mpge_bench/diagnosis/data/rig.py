@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
-from mpge_bench.envs import yaml12
+from mpge_bench.diagnosis.data.rig_file import check_joints, check_mode, gravity_of, ground_of, listed_of, mapping_of, noise_of, number_of
+from mpge_bench.envs import ROBOTS, get_task
 from mpge_bench.envs.effects import (
     Armature,
     CoulombFriction,
@@ -23,13 +22,11 @@ from mpge_bench.envs.effects import (
     effect_from_dict,
 )
 from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.model import Model
+from mpge_bench.envs.robots import Robot
 from mpge_bench.envs.world import World
-
-_KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
-_MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
 
 
 @dataclass(frozen=True)
@@ -41,9 +38,13 @@ class Units:
     velocity: str
 
 
+#: What recordings call the coordinates and velocities of a free base, in the order of q and dq: m, quaternion, m/s and rad/s, along the world's axes.
+BASE_COLUMNS = {"q": ("x", "y", "z", "qx", "qy", "qz", "qw"), "dq": ("vx", "vy", "vz", "wx", "wy", "wz")}
+
+
 @dataclass(frozen=True)
 class Rig:
-    """A mechanism on a fixed base as the simulator has it.
+    """A mechanism as the simulator has it: a tree on a fixed base that touches nothing, a body that is free to move, or a robot of the benchmark.
 
     Attributes:
         path: the YAML file.
@@ -57,6 +58,8 @@ class Rig:
         nominal: effects of the rig itself: the rig's ``effects``, and position servos and the model's damping, friction, springs and rotors where the
             former do not say otherwise.
         data: the YAML file's content.
+        ground: whether there is ground to touch. How it rubs and bounces stands in the model's links.
+        robot: of the benchmark, which then says all the rest; None of a rig's own.
     """
 
     path: Path
@@ -69,6 +72,19 @@ class Rig:
     noise: Mapping[str, float]
     nominal: tuple[Effect, ...]
     data: Mapping[str, Any]
+    ground: bool = False
+    robot: Robot | None = None
+
+    @property
+    def is_tree(self) -> bool:
+        """Whether it is a tree on a fixed base that touches nothing, which is simulated and linearised without Bullet; of all else Bullet is asked."""
+        return not (self.model.floating or self.ground or self.robot)
+
+    @property
+    def columns(self) -> dict[str, tuple[str, ...]]:
+        """What recordings call its coordinates, under ``q``, and velocities, under ``dq``, in their order."""
+        base = BASE_COLUMNS if self.model.floating else {"q": (), "dq": ()}
+        return {prefix: (*base[prefix], *(f"{prefix}_{joint}" for joint in self.joints)) for prefix in ("q", "dq")}
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -78,6 +94,10 @@ class Rig:
     def chain(self, effects: Sequence[Effect] = ()) -> tuple[Effect, ...]:
         """The rig's own effects, with `effects` in the place of those that they correct, in the order from command to joint."""
         return tuple(sorted((*_uncorrected(self.nominal, effects), *effects), key=lambda effect: effect.place))
+
+    def acting(self, effects: Sequence[Effect] = ()) -> list[Effect]:
+        """All that acts in a world with `effects`: a robot of the benchmark has servos and springs of its own."""
+        return self.robot.chain(self.chain(effects)) if self.robot else list(self.chain(effects))
 
     def swings(self, effects: Sequence[Effect] = ()) -> tuple[Effect, ...]:
         """Those of `chain` with a motor that answers to the joint's motion."""
@@ -101,12 +121,23 @@ class Rig:
         return (*effects, *kept, *more)
 
     def world(self, effects: Sequence[Effect] = (), *, timestep: float | None = None, substeps: int = 1) -> World:
-        """A world with this mechanism in it, changed by `effects`.
+        """A world with this mechanism in it, changed by `effects`. A robot of the benchmark has steps of its own.
 
         Raises:
             UserError: if an effect names a joint or link that the model has not.
         """
-        return World(self.model, timestep=timestep or self.timestep, substeps=substeps, gravity=self.gravity, iterations=50, effects=self.chain(effects))
+        if self.robot:
+            return self.robot.world(self.chain(effects))
+        return World(
+            self.model,
+            timestep=timestep or self.timestep,
+            substeps=substeps,
+            gravity=self.gravity,
+            friction=1.0 if self.ground else None,
+            iterations=50,
+            effects=self.chain(effects),
+            bouncing=self.ground,
+        )
 
     def changed(self, effects: Sequence[Effect] = ()) -> Model:
         """The model with the rig's own and further `effects` installed."""
@@ -126,8 +157,8 @@ class Rig:
 
     @property
     def layout(self) -> Layout:
-        """Where the joints stand in q and dq."""
-        return Layout(len(self.joints))
+        """Where base and joints stand in q and dq."""
+        return Layout(len(self.joints), self.model.floating)
 
     def is_slide(self, target: str) -> bool:
         """Whether `target` of an effect is a prismatic joint."""
@@ -140,7 +171,8 @@ class Rig:
     def corrected(self, effects: Sequence[Effect], robot: str) -> dict[str, Any]:
         """The rig's YAML content with `effects` added to its own or in their place, and `robot` as the path of the model."""
         listed = [effect_from_dict(one) for one in self.data.get("effects") or []]
-        return {**self.data, "robot": robot, "effects": [effect.to_dict() for effect in (*_uncorrected(listed, effects), *effects)]}
+        found = {"effects": [effect.to_dict() for effect in (*_uncorrected(listed, effects), *effects)]}
+        return {**self.data, **found} if self.robot else {**self.data, "robot": robot, **found}
 
 
 def read_rig(path: Path) -> Rig:
@@ -149,24 +181,54 @@ def read_rig(path: Path) -> Rig:
     Raises:
         UserError: if the file cannot be read, a key is missing, unknown or of the wrong kind, or a joint is not in the model.
     """
-    data = _mapping(path)
-    timestep = _number(path, data, "timestep", 0.001)
-    period = _number(path, data, "record_period", 0.01)
-    gravity, noise = _gravity(path, data), _noise(path, data)
+    data = mapping_of(path)
+    rig = _registered(path, data) if "task" in data else _described(path, data)
+    try:
+        rig.world()
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    return rig
+
+
+def _registered(path: Path, data: Mapping[str, Any]) -> Rig:
+    """A robot of the benchmark, by its name or by that of a pair, as the source has it."""
+    if not isinstance(data["task"], str):
+        raise UserError(f"{path}: task is {data['task']!r}; give the name of a robot or of a pair, such as hopper")
+    try:
+        robot = ROBOTS[data["task"]] if data["task"] in ROBOTS else get_task(data["task"]).robot
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from error
+    motors = "position" if robot.servos else "torque"
+    modes = {joint: motors if joint in robot.actuators else "passive" for joint in robot.joints}
+    gravity, noise, listed = (0.0, 0.0, robot.gravity), noise_of(path, data), tuple(listed_of(path, data))
+    return Rig(path, robot.load(), tuple(robot.joints), modes, robot.timestep, robot.dt, gravity, noise, listed, data, robot.friction is not None, robot)
+
+
+def _described(path: Path, data: Mapping[str, Any]) -> Rig:
+    """A mechanism with a model file of its own."""
+    timestep = number_of(path, data, "timestep", 0.001)
+    period = number_of(path, data, "record_period", 0.01)
+    gravity, noise = gravity_of(path, data), noise_of(path, data)
     if not isinstance(data["robot"], str):
         raise UserError(f"{path}: robot is {data['robot']!r}; give the path of a URDF or MJCF file")
-    model = Model(path.parent / data["robot"])
-    model.strip_geometry()
+    if data.get("base", "fixed") not in ("fixed", "free"):
+        raise UserError(f"{path}: base is {data['base']!r}; choose fixed or free")
+    model = Model(path.parent / data["robot"], floating=data.get("base") == "free")
+    ground = ground_of(path, data)
+    if ground is None:
+        model.strip_geometry()
+    else:
+        model.rub_on(*ground)
     joints = data["joints"]
-    _check_joints(path, joints, model)
+    check_joints(path, joints, model)
     nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
     nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
     model.springs, model.armature = {}, {}
     for joint, settings in joints.items():
-        _check_mode(path, joint, settings)
+        check_mode(path, joint, settings)
     nominal += _motors_and_losses(path, joints, model)
-    listed = _listed(path, data)
-    rig = Rig(
+    listed = listed_of(path, data)
+    return Rig(
         path,
         model,
         tuple(joint for joint in model.joints if joint in joints),
@@ -177,77 +239,13 @@ def read_rig(path: Path) -> Rig:
         noise,
         (*_uncorrected(nominal, listed), *listed),
         data,
+        ground is not None,
     )
-    try:
-        rig.world()
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
-    return rig
 
 
 def _uncorrected(own: Sequence[Effect], effects: Sequence[Effect]) -> list[Effect]:
     """Those of `own` that none of `effects` stands in the place of."""
     return [one for one in own if not any(effect.corrects(one) for effect in effects)]
-
-
-def _mapping(path: Path) -> dict[str, Any]:
-    """The file's content, with the keys of a rig that can be diagnosed."""
-    try:
-        data = yaml12.load(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable rig ({one_line(error)}); give a YAML file as docs/recordings.md describes") from error
-    if not isinstance(data, dict):
-        raise UserError(f"{path}: a rig is a YAML mapping with robot, joints, ...; this is {type(data).__name__}")
-    if "task" in data:
-        raise UserError(f"{path}: rigs of registered robots (task: ...) are not supported yet; give robot: and the path of a URDF or MJCF file")
-    unknown, missing = set(data) - _KEYS, {"robot", "joints"} - set(data)
-    if unknown or missing:
-        what = f"unknown key {sorted(map(str, unknown))[0]!r}" if unknown else f"no key {sorted(missing)[0]!r}"
-        raise UserError(f"{path}: {what}; a rig has {', '.join(sorted(_KEYS))}")
-    if data.get("base", "fixed") != "fixed":
-        raise UserError(f"{path}: base is {data['base']!r}; only mechanisms on a fixed base can be diagnosed so far")
-    if data.get("ground") is not None:
-        raise UserError(f"{path}: ground is given, but only mechanisms that touch nothing can be diagnosed so far; take it out if they do")
-    return data
-
-
-def _gravity(path: Path, data: Mapping[str, Any]) -> tuple[float, float, float]:
-    gravity = data.get("gravity", [0.0, 0.0, -9.81])
-    if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
-        raise UserError(f"{path}: gravity is {gravity!r}; give three numbers, m/s²")
-    x, y, z = (float(value) for value in gravity)
-    return x, y, z
-
-
-def _noise(path: Path, data: Mapping[str, Any]) -> dict[str, float]:
-    noise = data.get("noise") or {}
-    if not isinstance(noise, dict) or not set(noise) <= {"q", "dq"} or not all(_is_number(value) and value > 0 for value in noise.values()):
-        raise UserError(f"{path}: noise is {noise!r}; give positive numbers q (rad) and dq (rad/s)")
-    return noise
-
-
-def _check_joints(path: Path, joints: Any, model: Model) -> None:
-    if not isinstance(joints, dict) or not joints:
-        raise UserError(f"{path}: joints is {joints!r}; give each recorded joint and its mode, such as elbow: {{mode: torque}}")
-    for joint in joints:
-        if joint not in model.joints:
-            raise UserError(f"{path}: joint {joint!r} is not in {model.path.name}, which has {', '.join(model.joints) or 'no movable joint'}")
-    left = [joint for joint in model.joints if joint not in joints]
-    if left:
-        raise UserError(f"{path}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
-
-
-def _check_mode(path: Path, joint: str, settings: Any) -> None:
-    if not isinstance(settings, dict):
-        raise UserError(f"{path}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
-    mode = settings.get("mode")
-    if not isinstance(mode, str) or mode not in _MODES:
-        raise UserError(f"{path}: joint {joint} has mode {mode!r}; choose torque, position or passive")
-    needed, optional = _MODES[mode]
-    given = {str(key) for key in settings} - {"mode"}
-    if not needed <= given <= needed | optional:
-        takes, got = (", ".join(sorted(names)) or "nothing more" for names in (needed | optional, given))
-        raise UserError(f"{path}: joint {joint} in {mode} mode takes {takes}; got {got}")
 
 
 def _motors_and_losses(path: Path, joints: Mapping[str, Any], model: Model) -> list[Effect]:
@@ -269,28 +267,3 @@ def _motors_and_losses(path: Path, joints: Mapping[str, Any], model: Model) -> l
     except ValueError as error:
         raise UserError(f"{model.path}: <dynamics> of a joint is not readable ({error}); correct this number") from error
     return found
-
-
-def _listed(path: Path, data: Mapping[str, Any]) -> list[Effect]:
-    """The rig's own list of effects."""
-    listed = data.get("effects") or []
-    if not isinstance(listed, list):
-        raise UserError(f"{path}: effects is {listed!r}; give a list")
-    found = []
-    for index, item in enumerate(listed):
-        try:
-            found.append(effect_from_dict(item))
-        except UserError as error:
-            raise UserError(f"{path}: effects[{index}]: {error}") from error
-    return found
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _number(path: Path, data: Mapping[str, Any], key: str, default: float) -> float:
-    value = data.get(key, default)
-    if not _is_number(value) or value <= 0:
-        raise UserError(f"{path}: {key} is {value!r}; give a positive number of seconds")
-    return float(value)

@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.evidence import best_trust, likeness
-from mpge_bench.diagnosis.transitions.fit import Model, Rows, chance_of, fitted, model_of, scales_of
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, chance_of, fitted, model_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
@@ -51,14 +51,14 @@ class Answer:
 class Search:
     """One search, and the models it has fitted so far."""
 
-    replay: Replay
+    replay: Predictor
     hypotheses: Sequence[Hypothesis]
     workers: Workers
     clock: Clock
     settings: ReplaySettings
     advance: Callable[[int], None] = lambda steps: None
     #: The source's own transitions, which tell with noise where nothing is left to be explained.
-    own: Replay | None = None
+    own: Predictor | None = None
     models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
     cut: dict[str, None] = field(default_factory=dict)
     columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
@@ -66,31 +66,31 @@ class Search:
     shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        settings, episodes = self.settings, self.replay.episodes
+        settings, pieces = self.settings, self.replay
         starts = sum(len(one.starts) for one in self.hypotheses)
         glimpsed = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
-        entries = self.replay.robot.observation_size
-        self.every = np.arange(len(episodes))
+        entries = pieces.entries
+        self.every = np.arange(len(pieces))
         #: For first looks and, more of them, for drafts: of all kinds of motion.
         self.glance, self.few = (self.spread(rows, ()) for rows in (glimpsed, settings.drafted // entries))
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = episodes.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
+        self.rows = pieces.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
 
     def spread(self, total: int, effects: Sequence[Effect]) -> Rows:
         """About `total` rows in stretches evenly spread; with noise half of them where `effects` leave most: what acts seldom shows there alone."""
-        episodes, length = self.replay.episodes, self.settings.stretch
-        if self.noise is None or total >= len(episodes):
-            return episodes.stretches(total, length)
+        pieces, length = self.replay, self.settings.stretch
+        if self.noise is None or total >= len(pieces):
+            return pieces.stretches(total, length)
         missed = self.replay.residuals(effects, self.every)
         size = np.log1p((missed / scales_of(self.noise, self.settings)) ** 2).mean(1)
-        begins = np.arange(0, len(episodes) - length + 1, length)
+        begins = np.arange(0, len(pieces) - length + 1, length)
         worst = begins[np.argsort(-np.add.reduceat(size, begins))[: max(1, total // 2 // length)]]
-        return np.union1d(episodes.stretches(total // 2, length), worst[:, None] + np.arange(length))
+        return np.union1d(pieces.stretches(total // 2, length), worst[:, None] + np.arange(length))
 
     @cached_property
     def noise(self) -> Array | None:
         """What the source misses of its own transitions, shape (n, entries); None where that is rounding."""
-        missed = None if self.own is None else self.own.residuals((), np.arange(len(self.own.episodes)))
+        missed = None if self.own is None else self.own.residuals((), np.arange(len(self.own)))
         return None if missed is None or float(np.max(np.abs(missed))) < self.settings.exact else missed
 
     def answer(self) -> Answer:
@@ -123,7 +123,7 @@ class Search:
         missed, settings = self.replay.residuals(model.effects, self.every), self.settings
         if self.own is None or self.noise is None:
             return float(np.quantile(np.abs(missed), share)) >= settings.exact
-        return likeness(self.replay.episodes, missed, self.own.episodes, self.noise, settings)[0] < settings.leftover
+        return likeness(self.replay, missed, self.own, self.noise, settings)[0] < settings.leftover
 
     def focused(self, model: Model) -> Model:
         """`model`, and the search turned to where it misses most: what acts seldom, as a limit does, shows nowhere else.
@@ -179,11 +179,13 @@ class Search:
         self.advance(len(found))
         return found
 
-    def drafted(self, model: Model) -> Replay:
+    def drafted(self, model: Model) -> Predictor:
         """The replay for looks and drafts beside `model`: the more it lacks, the more of what it misses is put right, lest simulations go astray."""
-        return self.replay if self.noise is None else replace(self.replay, trust=best_trust(self.replay, model.effects, self.settings))
+        if self.noise is None or not isinstance(self.replay, Replay):
+            return self.replay
+        return replace(self.replay, trust=best_trust(self.replay, model.effects, self.settings))
 
-    def looks(self, replay: Replay, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
+    def looks(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
         """Those of `hypotheses` that promise most beside `model`."""
         settings, known = self.settings, self.columns
         glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
@@ -199,7 +201,7 @@ class Search:
         checked = {one.hypothesis.key for one in again}
         return [*again, *[one for one in found if one.hypothesis.key not in checked][: settings.tried // 2]]
 
-    def drafts(self, replay: Replay, model: Model) -> list[Model]:
+    def drafts(self, replay: Predictor, model: Model) -> list[Model]:
         """`model` with one hypothesis more, each of those that promise most, fitted to few transitions; the best first.
 
         Those of one parameter come first: where one of them leaves nothing but rounding or noise, none can be plainer, and nothing else is looked at.
@@ -311,10 +313,10 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
     return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)
 
 
-def _drafted(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
+def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
     """The beginning of a fit."""
     return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations_first)
 
 
-def _fitted(replay: Replay, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:
+def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:
     return fitted(replay, draft.hypotheses, draft.values, rows, settings, iterations)

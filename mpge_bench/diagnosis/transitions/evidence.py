@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DiagnosisSettings, ReplaySettings
-from mpge_bench.diagnosis.transitions.episodes import Episodes
-from mpge_bench.diagnosis.transitions.fit import Rows, description, scales_of
+from mpge_bench.diagnosis.transitions.fit import Predictor, Rows, description, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs.effects import Effect
@@ -45,13 +44,13 @@ class Comparison:
 
 def trust_in(own: Replay, settings: ReplaySettings) -> tuple[float, float]:
     """`best_trust` of the source in its `own` transitions; all where there is no noise."""
-    rows = own.episodes.heads(settings.fitted // own.robot.observation_size)
+    rows = own.heads(settings.fitted // own.entries)
     return (1.0, 1.0) if float(np.max(np.abs(own.residuals((), rows)))) < settings.exact else best_trust(own, (), settings)
 
 
 def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettings) -> tuple[float, float]:
     """The shares (positions', velocities') of what is missed, put right by which the source with `effects` predicts the transitions best."""
-    rows = replay.episodes.heads(settings.fitted // replay.robot.observation_size)
+    rows = replay.heads(settings.fitted // replay.entries)
 
     def left(trust: tuple[float, float]) -> float:
         return description(replace(replay, trust=trust).residuals(effects, rows), 0, settings)
@@ -60,7 +59,7 @@ def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettin
     return places, min(settings.trusts, key=lambda share: left((places, share)))
 
 
-def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
+def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
     Without noise what differs at all is a mismatch. With noise two permutation tests, each of which counts twice: stretches of rows of the two are dealt
@@ -68,44 +67,47 @@ def compared(target: Replay, own: Replay, hypotheses: Sequence[Hypothesis], few:
     (its effect's columns times what is missed) on blocks of rows likewise, of which the largest standardised difference counts.
     """
     replay = settings.replay
-    missed = target.residuals((), np.arange(len(target.episodes)))
-    of_own = own.residuals((), np.arange(len(own.episodes)))
+    missed = target.residuals((), np.arange(len(target)))
+    of_own = own.residuals((), np.arange(len(own)))
     floor = float(np.mean(np.median(np.abs(of_own), axis=0)))
     if float(np.max(np.abs(of_own))) < replay.exact:
         differs = float(np.max(np.abs(missed))) > replay.exact
         line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else "and the target's.")
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
-    p, bound = likeness(target.episodes, missed, own.episodes, of_own, replay)
+    p, bound = likeness(target, missed, own, of_own, replay)
     if 2 * p >= settings.choose.significance:
-        samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, few), (own, own.episodes.stretches(len(few), replay.stretch)))]
+        samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, few), (own, own.stretches(len(few), replay.stretch)))]
         scores = workers.each(_scores, (samples, scale, replay), list(hypotheses))
         first, second = (np.array(one).T for one in zip(*scores, strict=True))
-        p, bound = min((p, bound), _permuted(first, second, replay.draws))
+        p, bound = min((p, bound), permuted(first, second, replay.draws))
     p = min(2 * p, 1.0)
     explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
     return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
 
 
-def likeness(target: Episodes, missed: Array, own: Episodes, of_own: Array, settings: ReplaySettings) -> tuple[float, bool]:
-    """p of as much being `missed` of the transitions `target`, shape (n, entries), as the source misses of its `own`, and whether it is but a bound."""
+def likeness(target: Predictor, missed: Array, own: Predictor, of_own: Array, settings: ReplaySettings) -> tuple[float, bool]:
+    """p of more being `missed` of the pieces `target`, shape (n, entries), than the source misses of its `own`, and whether it is but a bound.
+
+    Of windows, whose starts are fitted, a right model leaves more than the source does of what it made itself: the settings' `room` is allowed for.
+    """
     scale = settings.softness * scales_of(of_own, settings)
-    return _permuted(_sizes(target, missed / scale, settings), _sizes(own, of_own / scale, settings), settings.draws)
+    first, second = _sizes(target, missed / scale / settings.room, settings), _sizes(own, of_own / scale, settings)
+    return permuted(first, second, settings.draws) if first.mean() > second.mean() else (1.0, False)
 
 
-def _sizes(episodes: Episodes, missed: Array, settings: ReplaySettings) -> Array:
-    """How large what is `missed` is, mean over stretches of rows of one episode each, shape (stretches, 1)."""
-    episode = np.split(np.log1p(missed**2).mean(1), episodes.begins[1:])
-    parts = [part for one in episode for part in np.array_split(one, max(1, len(one) // settings.apart))]
-    return np.array([part.mean() for part in parts])[:, None]
+def _sizes(pieces: Predictor, missed: Array, settings: ReplaySettings) -> Array:
+    """How large what is `missed` is, mean over blocks of neighbouring pieces, shape (blocks, 1)."""
+    size = np.log1p(missed**2).mean(1)
+    return np.array([size[rows].mean() for rows in pieces.blocks(settings.apart)])[:, None]
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """Rows of transitions that are tested, and what the source misses of them, shape (rows, entries)."""
+    """Pieces that are tested, and what the source misses of them, shape (rows, entries)."""
 
-    replay: Replay
+    replay: Predictor
     rows: Rows
     missed: Array
 
@@ -122,8 +124,12 @@ def _scores(samples: Sequence[_Sample], scale: Array, settings: ReplaySettings, 
     return found
 
 
-def _permuted(first: Array, second: Array, draws: int) -> tuple[float, bool]:
-    """p of the largest standardised difference of means over hypotheses, shapes (blocks, hypotheses), by dealing the blocks anew."""
+def permuted(first: Array, second: Array, draws: int) -> tuple[float, bool]:
+    """p, and whether it is an upper bound, of the largest standardised difference of means over columns, by dealing the blocks anew.
+
+    Args:
+        first, second: scores, shapes (blocks, columns).
+    """
     pooled, count = np.concatenate((first, second)), len(first)
     spread = pooled.std(0)
     pooled = pooled[:, spread > 0] / spread[spread > 0]

@@ -5,17 +5,39 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
-from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
+
+
+class Predictor(Protocol):
+    """Pieces of recorded motion, each of which the simulator with any effects predicts: transitions, or windows of recordings."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def entries(self) -> int:
+        """Residuals of a piece."""
+
+    def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
+        """What it misses of the pieces `rows`, shape (rows, entries)."""
+
+    def heads(self, total: int) -> Rows:
+        """About `total` pieces to fit models to."""
+
+    def stretches(self, total: int, length: int) -> Rows:
+        """About `total` pieces of all kinds of motion, in stretches of `length` where one leads to the next."""
+
+    def blocks(self, length: int) -> Sequence[Rows]:
+        """All pieces, about `length` neighbours together where one leads to the next, and what is missed of them is alike."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +46,7 @@ class Model:
 
     Attributes:
         values: of each hypothesis's parameters.
-        residuals: what it leaves, as `Replay.residuals` has it.
+        residuals: what it leaves, as `Predictor.residuals` has it.
         description: nats an entry of the residuals that it takes to write them down, its parameters included, up to a constant: the lower the better.
     """
 
@@ -61,7 +83,7 @@ def effects_of(hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float
     return in_order([effect for one, own in zip(hypotheses, values, strict=True) for effect in one.effects(own)])
 
 
-def model_of(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
+def model_of(replay: Predictor, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
     """The model of `hypotheses` with these `values`, as it is."""
     residuals = replay.residuals(effects_of(hypotheses, values), rows)
     size = sum(one.size for one in hypotheses)
@@ -96,7 +118,9 @@ def chance_of(one: Model, other: Model, settings: ReplaySettings) -> float:
     return float(np.std(stretches) / np.sqrt(len(stretches)))
 
 
-def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int) -> Model:
+def fitted(
+    replay: Predictor, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int
+) -> Model:
     """`hypotheses` with the parameters that leave least, sought from `values` by Levenberg-Marquardt steps.
 
     Each step lowers the sum of log(1 + (residual / scale)²), the scale being that of the residuals before it: as the fit gets better what is off counts less.
@@ -139,8 +163,33 @@ def fitted(replay: Replay, hypotheses: Sequence[Hypothesis], values: Sequence[Se
         unit = np.maximum(np.abs(at), 0.1 * unit)
         if gained < settings.converged * cost:
             break
+    at, residuals = _walked(left, at, residuals, unit, low, high, settings)
     plain = tuple(tuple(own.tolist()) for own in parted(at))
     return Model(hypotheses, plain, residuals, description(residuals, len(at), settings))
+
+
+def _walked(
+    left: Callable[[Array], Array], at: Array, residuals: Array, unit: Array, low: Array, high: Array, settings: ReplaySettings
+) -> tuple[Array, Array]:
+    """Parameters and residuals after walking along one parameter after another for as long as the description shrinks, in the settings' `walks`.
+
+    Where single contacts make slopes rough, it leads on after least squares have come to a stop.
+    """
+    best = description(residuals, 0, settings)
+    for share, index in ((share, index) for share in settings.walks for index in range(len(at))):
+        sign, turned = 1, False
+        while True:
+            trial = at.copy()
+            trial[index] = np.clip(at[index] + sign * share * unit[index], low[index], high[index])
+            found = left(trial)
+            told = description(found, 0, settings)
+            if told < best:
+                at, residuals, best, turned = trial, found, told, True
+            elif turned:
+                break
+            else:
+                sign, turned = -1, True
+    return at, residuals
 
 
 def _cost(residuals: Array, scale: Array) -> float:
@@ -176,7 +225,7 @@ def _slopes(left: Callable[[Array], Array], residuals: Array, at: Array, unit: A
     return np.array(found)
 
 
-def standard_errors(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
+def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
     """Of all parameters of `model`, shape (parameters,), from the spread of blocks of rows about the fit; infinite where the transitions do not tell.
 
     The estimator is the sandwich of weighted least squares, blocks of neighbouring rows being the independent pieces of evidence (Liang and Zeger 1986).

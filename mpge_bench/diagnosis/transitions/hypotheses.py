@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,13 +72,27 @@ def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> list[Hypothesis]:
     """All that are looked for in transitions of `robot`."""
     model, joints = robot.load(), tuple(robot.actuators)
-    links = _links(model)
-    scales = _scales(robot, model, episodes, settings)
+    return listed(CATALOGUE.values(), joints, joints, moved_links(model), _scales(robot, model, episodes, settings))
+
+
+def listed(
+    kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Mapping[str, Scale]
+) -> list[Hypothesis]:
+    """Effects of these kinds on each thing that they could act on, and on all its like.
+
+    Args:
+        driven: joints with a motor.
+        scales: how large things are at each joint and link, and, where it is known, all over the ``"world"``.
+    """
     found = []
-    for kind in CATALOGUE.values():
-        groups: dict[str, list[tuple[str, ...]]] = {"joint": _and_all(joints), "sensor": _and_all(joints), "link": [(one,) for one in links]}
+    for kind in kinds:
+        groups: dict[str, list[tuple[str, ...]]] = {
+            "joint": _and_all(driven if kind.needs_motor else joints),
+            "sensor": _and_all(joints),
+            "link": [(one,) for one in links],
+        }
         if kind.on == "link" and len(links) > 1:
-            groups["link"].append(("*",) if kind.takes_all else links)
+            groups["link"].append(("*",) if kind.takes_all else tuple(links))
         for targets in groups.get(kind.on, [("world",)]):
             first = targets[0] if targets[0] in scales else joints[0] if targets[0] == "world" else links[0]
             starts = tuple(dict.fromkeys(kind(targets[0], **start) for start in kind.starts(scales[first])))
@@ -93,7 +107,8 @@ def _and_all(targets: Sequence[str]) -> list[tuple[str, ...]]:
     return [*((one,) for one in targets), *([tuple(targets)] if len(targets) > 1 else [])]
 
 
-def _links(model: Model) -> tuple[str, ...]:
+def moved_links(model: Model) -> tuple[str, ...]:
+    """Links with mass that move."""
     return tuple(link for link in model.moving_links() if model.inertial(link)[0] > 0)
 
 
@@ -137,6 +152,6 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
         own_joint = found[carriers[0] if carriers else robot.joints[0]]
         size = max(float(np.linalg.norm(centre)), settings.least_length)
         found[link] = replace(own_joint, mass=mass, length=size, friction=model.friction(link) if link in touching else 0.0)
-    first_touching = [found[link].friction for link in _links(model) if found[link].friction]
-    found["*"] = replace(found[_links(model)[0]], friction=first_touching[0] if first_touching else 0.0)
+    first_touching = [found[link].friction for link in moved_links(model) if found[link].friction]
+    found["*"] = replace(found[moved_links(model)[0]], friction=first_touching[0] if first_touching else 0.0)
     return found

@@ -56,6 +56,27 @@ class Replay:
     worst: float
     trust: tuple[float, float] = (1.0, 1.0)
 
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    @property
+    def entries(self) -> int:
+        """Numbers of an observation."""
+        return self.robot.observation_size
+
+    def heads(self, total: int) -> npt.NDArray[np.int64]:
+        """The first transitions of every episode: what the simulator remembers is known there."""
+        return self.episodes.heads(total)
+
+    def stretches(self, total: int, length: int) -> npt.NDArray[np.int64]:
+        """Transitions in stretches, evenly spread."""
+        return self.episodes.stretches(total, length)
+
+    def blocks(self, length: int) -> list[npt.NDArray[np.int64]]:
+        """Neighbouring transitions of one episode."""
+        episodes = np.split(np.arange(len(self)), self.episodes.begins[1:])
+        return [part for one in episodes for part in np.array_split(one, max(1, len(one) // length))]
+
     def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
         """What the simulator with `effects` misses of the next observations, in spreads of their change in a control step.
 

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Rows, effects_of, scales_of
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, effects_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
-from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
@@ -47,7 +46,7 @@ class Look:
     other: tuple[float, ...]
 
 
-def columns_of(replay: Replay, model: Model, rows: Rows, hypothesis: Hypothesis) -> Columns:
+def columns_of(replay: Predictor, model: Model, rows: Rows, hypothesis: Hypothesis) -> Columns:
     """Those of `hypothesis` beside `model`, whose residuals are those of `rows`."""
     starts = [tuple(parameters_of(one)) for one in hypothesis.starts]
     left = [replay.residuals(effects_of([*model.hypotheses, hypothesis], [*model.values, start]), rows) for start in starts]
@@ -85,7 +84,7 @@ def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
     return Look(hypothesis, gain, tuple(np.clip(start, low, high).tolist()), other)
 
 
-def looked_again(replay: Replay, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
+def looked_again(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
     """`look` with the gain that its start really brings, or one several times as far on, or the best of the hypothesis's own starts."""
     scale = _scale(model.residuals, settings)
 

@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import Comparison
-from mpge_bench.diagnosis.transitions.fit import Model, standard_errors
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.confusions import experiment
@@ -47,22 +47,20 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
     before, after = (missed(model.effects) for model in (answer.nominal, chosen))
     taken_back: tuple[str, ...] = ()
     if chosen.hypotheses and _size(after) > _size(before):
-        taken_back = (f"{_label(chosen)} fits the other transitions, but predicts the held-out ones worse ({_size(after):.3g} against {_size(before):.3g}).",)
+        taken_back = (f"{label_of(chosen)} fits the other transitions, but predicts the held-out ones worse ({_size(after):.3g} against {_size(before):.3g}).",)
         chosen, after = answer.nominal, before
     exact = chosen.is_exact(settings.replay)
-    verdict = _verdict(chosen, test, exact)
+    verdict = verdict_of(chosen, test, exact)
     fit = _accuracy(replay, before, after, None if exact else test.floor)
-    named = _intervals(replay, answer, chosen, settings)
+    named = bounded(replay, chosen, answer.rows, settings)
     where = _places(replay, answer.nominal) if verdict != "no_mismatch" else ()
     rivals = _rivals(missed, answer, chosen, settings)
-    equals = tuple(
-        Confusion((_label(chosen), _label(one)), experiment(_keys(chosen), _keys(one))) for one in answer.equals[: settings.verdict.rivals] if one is not chosen
-    )
+    equals = confused(chosen, answer.equals, settings)
     return DiagnosisResult(
         verdict,
         test.p_value,
         where,
-        _found(chosen, named),
+        found_of(named),
         rivals,
         equals,
         fit,
@@ -82,12 +80,23 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
     )
 
 
-def _verdict(chosen: Model, test: Comparison, exact: bool) -> str:
+def verdict_of(chosen: Model, test: Comparison, exact: bool) -> str:
+    """One of `VERDICTS`.
+
+    Args:
+        exact: whether nothing but rounding is left.
+    """
     if not test.is_mismatch:
         return "no_mismatch"
     if not chosen.hypotheses:
         return "unexplained"
     return "explained" if exact or chosen.missed <= test.explained else "partly_explained"
+
+
+def confused(chosen: Model, equals: Sequence[Model], settings: DiagnosisSettings) -> tuple[Confusion, ...]:
+    """`chosen` beside each of the models that describe the recorded motion as well, and what would tell them apart."""
+    others = [one for one in equals[: settings.verdict.rivals] if one is not chosen]
+    return tuple(Confusion((label_of(chosen), label_of(one)), experiment(labels_of(chosen), labels_of(one))) for one in others)
 
 
 def _size(missed: Array) -> float:
@@ -103,14 +112,15 @@ def _accuracy(replay: Replay, before: Array, after: Array, floor: float | None) 
     return Accuracy(replay.robot.dt, Errors(_size(before), _size(after), floor, UNIT), channels)
 
 
-def _intervals(replay: Replay, answer: Answer, chosen: Model, settings: DiagnosisSettings) -> list[tuple[Hypothesis, Effect, Intervals]]:
+def bounded(replay: Predictor, chosen: Model, rows: Rows, settings: DiagnosisSettings) -> list[tuple[Hypothesis, Effect, Intervals]]:
     """Each hypothesis's first effect, with the 95% interval of each number of its parameters."""
-    halves = settings.verdict.interval * standard_errors(replay, chosen, answer.rows, settings.replay)
+    halves = settings.verdict.interval * standard_errors(replay, chosen, rows, settings.replay)
     firsts = [one.effects(values)[0] for one, values in zip(chosen.hypotheses, chosen.values, strict=True)]
     return [(one, *bounded) for one, bounded in zip(chosen.hypotheses, each_bounded(firsts, halves), strict=True)]
 
 
-def _found(chosen: Model, named: Sequence[tuple[Hypothesis, Effect, Intervals]]) -> tuple[FoundEffect, ...]:
+def found_of(named: Sequence[tuple[Hypothesis, Effect, Intervals]]) -> tuple[FoundEffect, ...]:
+    """What is reported of hypotheses with their intervals: each effect on each of its targets."""
     result = []
     for one, effect, bounds in named:
         estimates = {}
@@ -145,11 +155,13 @@ def _rivals(missed: Callable[[tuple[Effect, ...]], Array], answer: Answer, chose
     return tuple(found)
 
 
-def _label(model: Model) -> str:
+def label_of(model: Model) -> str:
+    """For people."""
     return " + ".join(one.label for one in model.hypotheses) or "nothing"
 
 
-def _keys(model: Model) -> frozenset[str]:
+def labels_of(model: Model) -> frozenset[str]:
+    """Of its hypotheses."""
     return frozenset(one.label for one in model.hypotheses)
 
 
@@ -181,7 +193,7 @@ def _summary(
     if verdict == "partly_explained":
         lines.append("Named physics explains only part of it; see the report for what the rest shows in.")
     if answer.equals:
-        alike = "; ".join(_label(one) for one in answer.equals[:3])
+        alike = "; ".join(label_of(one) for one in answer.equals[:3])
         lines.append(f"These transitions cannot tell it from: {alike}.")
     if answer.cut:
         lines.append(f"The time budget cut short: {', '.join(answer.cut)}. This is the best answer so far.")

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.hypotheses.candidates import candidate_targets
 from mpge_bench.diagnosis.predict.torques import joint_torques
+from mpge_bench.envs import ROBOTS
 from mpge_bench.envs.effects import (
     CATALOGUE,
     CoulombFriction,
@@ -55,6 +56,33 @@ def test_a_rig_is_what_its_file_says(tmp_path: Path) -> None:
     assert rig.chain([rub, gain])[:2] == (servo, gain)
 
 
+def test_a_rig_may_be_a_robot_of_the_benchmark_by_its_name_or_by_a_pairs(tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text("task: hopper\nnoise: {q: 0.001}\n")
+    rig, hopper = read_rig(tmp_path / "rig.yaml"), ROBOTS["hopper"]
+    assert not rig.is_tree
+    assert (rig.robot, rig.joints, rig.driven, rig.ground) == (hopper, hopper.joints, tuple(hopper.actuators), True)
+    assert (rig.record_period, rig.world().timestep) == (hopper.dt, hopper.timestep)
+    corrected = rig.corrected([TorqueGain("thigh_joint", 0.5)], "nothing")
+    assert corrected == {"task": "hopper", "noise": {"q": 0.001}, "effects": [{"effect": "torque_gain", "target": "thigh_joint", "gain": 0.5}]}
+    (tmp_path / "rig.yaml").write_text("task: broken_hopper\n")
+    assert read_rig(tmp_path / "rig.yaml").robot == hopper
+    (tmp_path / "rig.yaml").write_text("task: hoper\n")
+    assert "unknown task 'hoper'" in refusal(tmp_path / "rig.yaml")
+
+
+def test_the_grounds_friction_is_that_of_the_contact(tmp_path: Path) -> None:
+    """Times the link's own where the robot's file gives some."""
+    for contact, friction in (("", 0.4), ('<contact><lateral_friction value="0.5"/></contact>', 0.2)):
+        shape = '<collision><geometry><sphere radius="0.1"/></geometry></collision></link>\n<link name="lower">'
+        path = write_rig(tmp_path, base="free", ground={"friction": 0.4, "restitution": 0.1})
+        whole = ARM.replace('<link name="base"/>', '<link name="base"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1"/></inertial></link>')
+        (tmp_path / "arm.urdf").write_text(whole.replace('</link>\n<link name="lower">', contact + shape))
+        rig = read_rig(path)
+        assert (rig.model.friction("upper"), rig.model.restitution("upper")) == pytest.approx((friction, 0.1))
+        assert rig.columns["q"] == ("x", "y", "z", "qx", "qy", "qz", "qw", "q_shoulder", "q_elbow")
+        assert (rig.layout.nq, rig.layout.nv, rig.world().floating) == (9, 8, True)
+
+
 def test_what_a_rig_need_not_say(tmp_path: Path) -> None:
     rig = read_rig(write_rig(tmp_path, timestep=None, record_period=None))
     assert (rig.timestep, rig.record_period, rig.gravity, rig.noise) == (0.001, 0.01, (0.0, 0.0, -9.81), {})
@@ -81,9 +109,11 @@ def test_a_joints_losses_become_effects(tmp_path: Path) -> None:
         ({"gravty": [0, 0, -9.81]}, "unknown key 'gravty'; a rig has base, effects, gravity"),
         ({"robot": 3}, "robot is 3; give the path"),
         ({"robot": "nowhere.urdf"}, "nowhere.urdf: not a readable URDF or MJCF file"),
-        ({"base": "free"}, "base is 'free'; only mechanisms on a fixed base"),
-        ({"ground": {"friction": 0.8}}, "ground is given, but only mechanisms that touch nothing"),
-        ({"task": "hopper"}, "registered robots .* not supported yet"),
+        ({"base": "loose"}, "base is 'loose'; choose fixed or free"),
+        ({"ground": 0.8}, "ground is 0.8; give numbers of at least 0, such as {friction: 0.8"),
+        ({"ground": {"friction": -1}}, "ground is .*give numbers of at least 0"),
+        ({"ground": {"stiffness": 1}}, "ground is .*give numbers of at least 0"),
+        ({"task": "hopper"}, "unknown key 'joints'; a rig of a robot of the benchmark has effects, noise, task"),
         ({"timestep": 0}, "timestep is 0; give a positive number of seconds"),
         ({"timestep": "1 ms"}, "timestep is '1 ms'; give a positive number"),
         ({"timestep": True}, "timestep is True"),
@@ -165,8 +195,9 @@ def test_what_is_wrong_with_the_robots_file_is_one_line(tmp_path: Path, old: str
 @st.composite
 def effects(draw: st.DrawFn, rig: Rig) -> Effect:
     """Any effect of the catalogue on anything in the rig that it can act on."""
-    # The arm has no shapes and no rotors.
-    name = draw(st.sampled_from(sorted(set(CATALOGUE) - {"contact_friction", "link_size", "rotor_scale"})))
+    # The arm has no shapes, no ground and no rotors.
+    contact = {"contact_compliance", "contact_friction", "ground_height", "ground_tilt", "restitution"}
+    name = draw(st.sampled_from(sorted(set(CATALOGUE) - contact - {"link_size", "rotor_scale"})))
     kind = CATALOGUE[name]
     values: dict[str, Any] = {}
     points = draw(st.integers(1, 4))

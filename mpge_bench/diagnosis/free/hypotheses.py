@@ -1,0 +1,80 @@
+"""What might be missing in a rig with a free base or contacts: the effects of the catalogue, as for transitions, with starts of the size of things here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.free.motion import Motion
+from mpge_bench.diagnosis.free.simulator import Simulator
+from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, listed, moved_links
+from mpge_bench.envs.effects import CATALOGUE, Scale
+
+Array = npt.NDArray[np.float64]
+
+
+def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> list[Hypothesis]:
+    """All that are looked for in `recordings`."""
+    rig = simulator.rig
+    # What recordings of joints alone hardly tell from its twins is looked for where the benchmark's robots may have it.
+    kinds = [kind for kind in CATALOGUE.values() if rig.robot or not kind.asks_states]
+    # A benchmark robot's other joints are its root, which no joint is.
+    joints = rig.driven if rig.robot else rig.joints
+    found = listed(kinds, rig.driven, joints, moved_links(rig.model), _scales(simulator, recordings, motions, settings))
+    return [replace(one, absent=tuple(rig.absent(one.starts[:1]))) if rig.own(one.starts[0]) else one for one in found]
+
+
+def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> dict[str, Scale]:
+    """How large things are at each joint and link, on all links (``"*"``) and all over the ``"world"``."""
+    rig, world = simulator.rig, simulator.world(())
+    layout, model = rig.layout, rig.changed()
+    states = np.concatenate([one.state for one in motions])
+    turns, speeds = layout.q(states)[:, layout.nq - layout.joints :], layout.dq(states)[:, layout.nv - layout.joints :]
+    commands = np.concatenate([one.u for one in recordings])
+    low, high = world.room()
+    size, pull = float(np.max(high - low)) / 2, float(np.linalg.norm(model.gravity or rig.gravity))
+    touching = model.touching() if rig.ground else ()
+    damping = model.take_losses() if rig.robot else {}
+    plain = Scale(
+        **dict.fromkeys(("torque", "limit"), settings.least_torque),
+        **dict.fromkeys(("speed", "top_speed", "angle"), settings.least_motion),
+        inertia=1.0,
+        mass=1.0,
+        length=size,
+        period=simulator.period,
+        duration=min(one.duration for one in recordings),
+        gravity=model.gravity or rig.gravity,
+    )
+    found: dict[str, Scale] = {}
+    for column, joint in enumerate(rig.joints):
+        torque = commands[:, column] if rig.modes[joint] == "torque" else np.full(1, settings.least_torque)
+        servo = rig.servo(joint)
+        found[joint] = replace(
+            plain,
+            torque=max(_rms(torque), settings.least_torque),
+            limit=max(float(np.abs(torque).max()), settings.least_torque),
+            speed=max(_rms(speeds[:, column]), settings.least_motion),
+            top_speed=max(float(np.abs(speeds[:, column]).max()), settings.least_motion),
+            angle=max(float(np.std(turns[:, column])), settings.least_motion),
+            inertia=world.inertia_of(joint),
+            damping=damping.get(joint, (0.0, 0.0))[0],
+            rotor=rig.robot.armature.get(joint, 0.0) if rig.robot else 0.0,
+            servo_period=simulator.period if rig.robot and rig.robot.servos else servo.servo_period if servo else 0.0,
+        )
+    for link in moved_links(model):
+        mass, centre, _ = model.inertial(link)
+        length = max(float(np.linalg.norm(centre)), settings.least_length if rig.joints else size)
+        rubs, bounces = (model.friction(link), model.restitution(link)) if link in touching else (0.0, 0.0)
+        weight = max(mass * pull * length, settings.least_motion)
+        found[link] = replace(plain, mass=mass, length=length, torque=weight, friction=rubs, restitution=bounces)
+    touched = next((one for one in found.values() if one.friction), plain)
+    return found | {"*": touched, "world": replace(touched, length=size)}
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

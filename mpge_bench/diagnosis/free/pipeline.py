@@ -1,0 +1,113 @@
+"""From recordings of what moves freely or touches something to a verdict: the stages in their order.
+
+motion -> windows -> hypotheses -> evidence -> choose -> verdict
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.checks import Measurements
+from mpge_bench.diagnosis.data.parts import parted
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.free.hypotheses import hypotheses
+from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
+from mpge_bench.diagnosis.free.regimes import places
+from mpge_bench.diagnosis.free.simulator import simulator_of
+from mpge_bench.diagnosis.free.verdict import concluded
+from mpge_bench.diagnosis.free.windows import Windows, windows_of
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.diagnosis.transitions.choose import Answer, Search
+from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.fit import model_of
+from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.envs.effects import Effect
+
+
+def diagnose_free(
+    rig: Rig, recordings: Sequence[Recording], clock: Clock, workers: Workers, advance: Callable[[int], None], settings: DiagnosisSettings
+) -> tuple[DiagnosisResult, tuple[Effect, ...]]:
+    """What `rig`, which is no tree on a fixed base in the air, lacks of what was recorded.
+
+    Returns:
+        What is said, and the effects that were chosen.
+
+    Raises:
+        UserError: if recordings cannot be cut into windows, or the nominal simulation fails.
+    """
+    parts = parted(Measurements(rig, tuple(recordings), {}, settings))
+    simulator = simulator_of(rig, recordings, settings)
+    noise = noise_of(parts.searched.recordings, rig.layout, dict(rig.noise), settings.free)
+    found = []
+    for some, total in ((parts.searched.recordings, settings.free.windows), (parts.unseen, settings.free.unseen_windows)):
+        motions = [motion_of(one, rig.layout, noise, settings.free) for one in some]
+        found.append((motions, windows_of(simulator, some, motions, noise, settings.free, total)))
+    (motions, searched), (_, unseen) = found
+    # Once about the starts as recorded, once about the likeliest.
+    searched = searched.linearised().linearised()
+    choosing = _choosing(searched, settings)
+    fitted = searched.part(~choosing)
+    settings = _for_windows(settings, fitted.entries)
+    options = hypotheses(simulator, parts.searched.recordings, motions, settings.replay)
+    search = Search(fitted, options, workers, clock, settings.replay, advance)
+    own = fitted.imagined(0)
+    test = compared(fitted, own, options, search.few, workers, settings)
+    answer = search.answer() if test.is_mismatch else _nothing(search)
+    answer = chosen_by(searched.part(choosing), answer, settings)
+    where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
+    result = concluded(fitted, unseen, parts.unseen, answer, test, where, _checks(recordings, rig, noise), settings, clock)
+    return result, answer.chosen.effects if result.effects else ()
+
+
+def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings:
+    """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
+    free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
+    own = {name: getattr(free, name) for name in names}
+    search = replace(settings.replay, block=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
+    search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
+    return replace(settings, replay=replace(search, **own))
+
+
+def _choosing(windows: Windows, settings: DiagnosisSettings) -> npt.NDArray[np.bool_]:
+    """Which windows models are chosen by: those of the last recordings or, of few recordings, the last ones."""
+    share, numbers = settings.free.choosing, np.unique(windows.recording)
+    if len(numbers) >= settings.data.few:
+        return np.isin(windows.recording, numbers[-max(1, round(share * len(numbers))) :])
+    return np.asarray(np.arange(len(windows)) >= round((1 - share) * len(windows)))
+
+
+def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> Answer:
+    """`answer` with, of the best models, the one that describes `windows` best, to which none was fitted; its own where that is as good."""
+    if not answer.chosen.hypotheses:
+        return answer
+    best = sorted(answer.models, key=lambda one: one.description)[: settings.free.judged]
+    every = np.arange(len(windows))
+    models = [answer.chosen, answer.nominal, *(one for one in best if one.key not in (answer.chosen.key, answer.nominal.key))]
+    told = [model_of(windows, one.hypotheses, one.values, every, settings.replay).description for one in models]
+    first = int(np.argmin(told))
+    return answer if told[0] - told[first] < settings.replay.equal else replace(answer, chosen=models[first])
+
+
+def _nothing(search: Search) -> Answer:
+    nominal = model_of(search.replay, (), (), search.rows, search.settings)
+    return Answer(nominal, nominal, (nominal,), (), search.rows, ())
+
+
+def _checks(recordings: Sequence[Recording], rig: Rig, noise: Noise) -> tuple[str, ...]:
+    """What the look at the data said."""
+    lines = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all."]
+    base = rig.layout.nv - len(rig.joints)
+    if base:
+        place, turn = (float(noise.q[part].max()) for part in (slice(0, 3), slice(3, 6)))
+        lines.append(f"Free base: noise of its place about {place:.2g} m, of its orientation about {turn:.2g} rad.")
+    lines += [f"{joint}: noise of q about {noise.q[base + column]:.2g} {rig.units(joint).position}." for column, joint in enumerate(rig.joints)]
+    if not np.isfinite(noise.dq).all():
+        lines.append("Velocities are reconstructed from positions where they were not recorded, or lag as difference quotients do.")
+    return tuple(lines)

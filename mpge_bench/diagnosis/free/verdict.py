@@ -1,0 +1,163 @@
+"""What is said of the answer: how sure it is, where the mismatch shows, and how much better recordings that nobody looked at are predicted."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.free.windows import Windows
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.diagnosis.transitions.choose import Answer
+from mpge_bench.diagnosis.transitions.evidence import Comparison
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor
+from mpge_bench.diagnosis.transitions.verdict import bounded, confused, found_of, label_of, said, verdict_of
+from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Evidence, Place, Rival, Trajectory
+from mpge_bench.diagnosis.verdict.words import chance
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
+
+Array = npt.NDArray[np.float64]
+
+
+def concluded(
+    fitted: Predictor,
+    unseen: Windows,
+    recordings: Sequence[Recording],
+    answer: Answer,
+    test: Comparison,
+    where: Sequence[Place],
+    checks: Sequence[str],
+    settings: DiagnosisSettings,
+    clock: Clock,
+) -> DiagnosisResult:
+    """The verdict on `answer`, with all that it rests on.
+
+    Args:
+        fitted: windows that models were fitted to.
+        unseen: windows of `recordings`, at which nobody has looked.
+    """
+    chosen = answer.chosen
+    before, after = (_off(unseen, model.effects) for model in (answer.nominal, chosen))
+    taken_back: tuple[str, ...] = ()
+    if chosen.hypotheses and _typical(after, unseen) > _typical(before, unseen):
+        taken_back = (f"{label_of(chosen)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
+        chosen, after = answer.nominal, before
+    verdict = verdict_of(chosen, test, exact=False)
+    fit = _accuracy(unseen, before, after)
+    named = bounded(fitted, chosen, answer.rows, settings)
+    equals = confused(chosen, answer.equals, settings)
+    lines = _summary(verdict, test, [said(*one) for one in named], fit, where, answer)
+    return DiagnosisResult(
+        verdict,
+        test.p_value,
+        tuple(where) if verdict != "no_mismatch" else (),
+        found_of(named),
+        _rivals(unseen, answer, chosen, settings),
+        equals,
+        fit,
+        not answer.cut,
+        (*lines, *taken_back),
+        checks=tuple(checks),
+        about={
+            "fitted to": f"{len(answer.rows)} windows of {fit.horizon:.3g} s",
+            "held out": f"{len(unseen)} windows",
+            "models fitted": str(len(answer.models)),
+            "intervals": "coverage not measured",
+            "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (f", cut short by the time budget: {', '.join(answer.cut)}" if answer.cut else ""),
+        },
+        settings=settings,
+        evidence=Evidence(trajectories=_trajectories(unseen, recordings, answer.nominal.effects, chosen.effects)),
+        p_is_bound=test.is_bound,
+    )
+
+
+def _off(windows: Windows, effects: Sequence[Effect]) -> Array:
+    """How far predictions from the starts as recorded are off, m and rad along the tangent, shape (windows, rows, nv)."""
+    missed = windows.missed(windows.from_recorded(effects), np.arange(len(windows)))
+    return np.asarray(missed.reshape(len(windows), -1, windows.layout.nv) * windows.noise)
+
+
+def _places(windows: Windows) -> tuple[slice, str]:
+    """The coordinates by which errors are told, and their unit: where a free base is, else the joints."""
+    return (slice(0, 3), "m") if windows.layout.floating else (slice(None), "rad")
+
+
+def _typical(off: Array, windows: Windows) -> float:
+    columns, _ = _places(windows)
+    return float(np.sqrt(np.mean((off[..., columns] ** 2).sum(-1))))
+
+
+def _accuracy(windows: Windows, before: Array, after: Array) -> Accuracy:
+    columns, unit = _places(windows)
+    floor = float(np.sqrt((windows.noise[columns] ** 2).sum()))
+    names = ("place", "orientation") if windows.layout.floating else ()
+    parts = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(names)}
+    base = windows.layout.nv - windows.layout.joints
+    parts |= {joint: slice(base + index, base + index + 1) for index, joint in enumerate(windows.simulator.rig.joints)}
+    channels = {}
+    for name, part in parts.items():
+        sizes = [float(np.sqrt(np.mean((off[..., part] ** 2).sum(-1)))) for off in (before, after)]
+        own = "m" if name == "place" or windows.simulator.rig.is_slide(name) else "rad"
+        channels[name] = Errors(sizes[0], sizes[1], float(np.sqrt((windows.noise[part] ** 2).sum())), own)
+    horizon = windows.measured.shape[1] * windows.simulator.period
+    return Accuracy(horizon, Errors(_typical(before, windows), _typical(after, windows), floor, unit), channels)
+
+
+def _rivals(unseen: Windows, answer: Answer, chosen: Model, settings: DiagnosisSettings) -> tuple[Rival, ...]:
+    others = sorted((one for one in answer.models if one.key != chosen.key), key=lambda one: one.description)
+    found = []
+    for one in others[: settings.verdict.rivals]:
+        behind = (one.description - chosen.description) * chosen.residuals.size
+        values = "; ".join(", ".join(f"{value:.4g}" for value in own) for own in one.values)
+        labels = tuple(hypothesis.label for hypothesis in one.hypotheses) or ("nothing",)
+        try:
+            error = _typical(_off(unseen, one.effects), unseen)
+        except UserError:
+            error = None
+        found.append(Rival(labels, error, behind, values))
+    return tuple(found)
+
+
+def _summary(verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, where: Sequence[Place], answer: Answer) -> tuple[str, ...]:
+    held = fit.held_out
+    error = f"Held-out prediction error, {fit.horizon:.2g} s ahead: "
+    if verdict == "no_mismatch":
+        return (f"No mismatch: the simulator does what was recorded ({chance(test)}).", f"{error}{held.before:.3g} {held.unit}.")
+    lines = list(named)
+    if named:
+        lines.append(f"{error}from {held.before:.3g} to {held.after:.3g} {held.unit} (root mean square, from the states as recorded).")
+    elif answer.cut:
+        lines.append(f"There is a mismatch ({chance(test)}). The time was up before any physics was found that explains it; give more --seconds.")
+    else:
+        lines.append(f"There is a mismatch ({chance(test)}), and no physics of the catalogue explains it.")
+    lines.append("It shows in: " + ", ".join(f"{one.name} ({100 * one.share:.0f}%)" for one in where) + ".")
+    if verdict == "partly_explained":
+        lines.append("Named physics explains only part of it.")
+    if answer.equals:
+        lines.append(f"These recordings cannot tell it from: {'; '.join(label_of(one) for one in answer.equals[:3])}.")
+    if answer.cut and named:
+        lines.append(f"The time budget cut short: {', '.join(answer.cut)}. This is the best answer so far.")
+    return tuple(lines)
+
+
+def _trajectories(windows: Windows, recordings: Sequence[Recording], nominal: Sequence[Effect], chosen: Sequence[Effect]) -> tuple[Trajectory, ...]:
+    """The held-out recording of most windows, as the rig and the corrected one predict it, coordinates of most mismatch first."""
+    number = int(np.bincount(windows.recording).argmax())
+    own = windows.part(windows.recording == number)
+    one, layout, count = recordings[number], windows.layout, windows.measured.shape[1]
+    index = own.first[:, None] + 1 + np.arange(count)
+    moments = one.time[index].ravel()
+    order = np.argsort(moments, kind="stable")
+    found = [layout.q(own.from_recorded(effects)).reshape(-1, layout.nq)[order] for effects in (nominal, chosen)]
+    measured = own.measured.reshape(-1, layout.nq)[order]
+    off = np.abs(found[0] - measured).mean(0) / np.maximum(measured.std(0), 1e-9)
+    names = windows.simulator.rig.columns["q"]
+    return tuple(
+        Trajectory(one.path.name, names[column], "", moments[order], measured[:, column], found[0][:, column], found[1][:, column], one.time[index[:, 0]])
+        for column in np.argsort(-off)[:6]
+    )

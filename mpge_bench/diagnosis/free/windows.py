@@ -1,0 +1,202 @@
+"""Short windows of recordings, predicted by the simulator from starts that are fitted: as far from what was recorded as its noise makes likely."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.free.motion import Motion, Noise
+from mpge_bench.diagnosis.free.simulator import Simulator
+from mpge_bench.diagnosis.settings import FreeSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import Layout
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """n windows of so many rows each, all of the same length.
+
+    Attributes:
+        simulator: that predicts them.
+        recording: which of the recordings each is of, shape (n,).
+        first: the row of its start, shape (n,).
+        u: commands from the start on, shape (n, rows, joints).
+        past: commands and states of the rows before.
+        start: state as it was recorded or smoothed, shape (n, nq + nv).
+        spread: how far that may be off, one standard deviation, shape (n, 2 nv).
+        measured: coordinates at the rows after the start, shape (n, rows, nq).
+        noise: of coordinates, along the tangent, shape (nv,).
+        shift: change of the start about which the simulator is linearised, shape (n, 2 nv).
+        slopes: derivatives of what it misses by that change, in standard deviations of `noise`, shape (n, rows · nv, 2 nv).
+        settings: of the whole.
+    """
+
+    simulator: Simulator
+    recording: Rows
+    first: Rows
+    u: Array
+    past: tuple[tuple[Array, Array], ...]
+    start: Array
+    spread: Array
+    measured: Array
+    noise: Array
+    shift: Array
+    slopes: Array
+    settings: FreeSettings
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def layout(self) -> Layout:
+        """Of its states."""
+        return self.simulator.rig.layout
+
+    def part(self, chosen: npt.NDArray[np.bool_] | Rows) -> Windows:
+        """Some of the windows."""
+        index = np.arange(len(self))[chosen]
+        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes")
+        return replace(self, past=tuple(self.past[one] for one in index), **{name: getattr(self, name)[index] for name in names})
+
+    def heads(self, total: int) -> Rows:
+        """About `total` windows, evenly spread; all if there are no more."""
+        return np.unique(np.linspace(0, len(self) - 1, min(total, len(self))).round().astype(np.int64))
+
+    def stretches(self, total: int, length: int) -> Rows:
+        """As `heads`: every window has its own start."""
+        return self.heads(total)
+
+    def blocks(self, length: int) -> list[Rows]:
+        """Each by itself."""
+        return list(np.arange(len(self))[:, None])
+
+    @property
+    def entries(self) -> int:
+        """Coordinates at all rows, and those of the start."""
+        return int(self.slopes.shape[1] + self.slopes.shape[2])
+
+    def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
+        """What the simulator with `effects` misses, from the starts that are likeliest given both what was recorded at them and after them.
+
+        How much of it another start explains is told by `slopes`, in proportion.
+
+        Returns:
+            What is missed of each coordinate at each row, in standard deviations of the noise, then how far the start lies from what was recorded of it,
+            in standard deviations of that, shape (windows, rows · nv + 2 nv); cut off at the settings' `worst`, which also stands for a simulation that
+            fails.
+        """
+        worst = self.settings.worst
+        try:
+            missed = np.nan_to_num(self.missed(self._rolled(effects, rows, self.shift[rows]), rows), nan=worst)
+        except UserError:
+            return np.full((len(rows), self.slopes.shape[1] + self.slopes.shape[2]), worst)
+        step = self._likelier(missed, rows)
+        left = missed - np.einsum("wei,wi->we", self.slopes[rows], step)
+        return np.asarray(np.clip(np.concatenate((left, (self.shift[rows] + step) / self.spread[rows]), 1), -worst, worst))
+
+    def _likelier(self, missed: Array, rows: Rows) -> Array:
+        """From the starts at `shift`, which miss `missed`, to the likeliest ones, shape (windows, 2 nv)."""
+        slopes, trust = self.slopes[rows], 1 / self.spread[rows] ** 2
+        # What is missed by far tells of the simulator, not of the start.
+        weighted = slopes / (1 + (missed / self.settings.outlying) ** 2)[..., None]
+        gram = np.einsum("wei,wej->wij", weighted, slopes) + np.eye(slopes.shape[2]) * trust[:, None]
+        against = np.einsum("wei,we->wi", weighted, missed) - trust * self.shift[rows]
+        return np.asarray(np.linalg.solve(gram, against[..., None])[..., 0])
+
+    def missed(self, path: Array, rows: Rows) -> Array:
+        """What `path`, shape (windows, rows, nq + nv), misses of the coordinates, in standard deviations of the noise, shape (windows, rows · nv)."""
+        layout = self.layout
+        still = np.zeros((*path.shape[:2], layout.nv))
+        off = layout.dx(layout.minus(layout.state(self.measured[rows], still), layout.state(layout.q(path), still)))
+        return np.asarray((off / self.noise).reshape(len(path), -1))
+
+    def linearised(self, effects: Sequence[Effect] = ()) -> Windows:
+        """The same windows, with derivatives of the simulator with `effects` about the likeliest starts, by central differences as wide as the starts' spread.
+
+        Narrower ones would see the jerks of single contacts.
+        """
+        every = np.arange(len(self))
+        missed = np.nan_to_num(self.missed(self._rolled(effects, every, self.shift), every))
+        shift = self.shift + self._likelier(missed, every)
+        slopes = np.empty_like(self.slopes)
+        for direction in range(shift.shape[1]):
+            step = np.zeros_like(shift)
+            step[:, direction] = self.spread[:, direction]
+            here, there = (self.missed(self._rolled(effects, every, shift + sign * step), every) for sign in (1, -1))
+            slopes[..., direction] = (there - here) / (2 * self.spread[:, direction, None])
+        return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
+
+    def imagined(self, seed: int) -> Windows:
+        """The same windows as the rig itself would make them, measured with the same noise: what nothing looks like."""
+        rng, layout = np.random.default_rng(seed), self.layout
+        path = self._rolled((), np.arange(len(self)), self.shift)
+        off = np.zeros((*path.shape[:2], 2 * layout.nv))
+        off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
+        start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift))
+
+    def from_recorded(self, effects: Sequence[Effect]) -> Array:
+        """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).
+
+        Raises:
+            UserError: if an effect cannot be installed, or the simulation fails.
+        """
+        return self._rolled(effects, np.arange(len(self)), np.zeros_like(self.shift))
+
+    def _rolled(self, effects: Sequence[Effect], rows: Rows, shift: Array) -> Array:
+        world = self.simulator.world(effects)
+        starts = self.layout.plus(self.start[rows], shift)
+        return np.array([self.simulator.rolled(world, start, self.u[row], self.past[row]) for row, start in zip(rows.tolist(), starts, strict=True)])
+
+
+def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: FreeSettings, total: int) -> Windows:
+    """About `total` windows, evenly spread over the recordings, of those in which something moves; each starts at the calmest row near by.
+
+    What they are to be linearised about is not known yet.
+
+    Raises:
+        UserError: if no recording is long enough.
+    """
+    layout, count = simulator.rig.layout, max(settings.fewest_rows, round(settings.window / simulator.period))
+    places = []
+    for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
+        last = len(one.time) - 1 - count
+        for slot in range(0, last + 1, count):
+            near = np.arange(slot, min(slot + count, last + 1))
+            row = int(near[np.argmin(motion.misfit[near])])
+            moved = layout.dx(layout.minus(motion.state[row + 1 : row + 1 + count], motion.state[[row] * count])) / noise.q
+            places.append((number, row, float(np.abs(moved).max())))
+    if not places:
+        raise UserError(f"{recordings[0].path}: no recording is longer than a window of {count + 1} rows; record for longer")
+    moving = [one for one in places if one[2] > settings.moved] or places
+    chosen = [moving[index] for index in np.unique(np.linspace(0, len(moving) - 1, min(total, len(moving))).round().astype(int))]
+    pieces = []
+    for number, row, _ in chosen:
+        one, motion = recordings[number], motions[number]
+        before, after = slice(max(0, row - simulator.remembered), row), slice(row + 1, row + 1 + count)
+        pieces.append((one.u[row : row + count], (one.u[before], motion.state[before]), motion.state[row], motion.spread[row], one.q[after]))
+    u, past, start, spread, measured = zip(*pieces, strict=True)
+    numbers, rows, _ = zip(*chosen, strict=True)
+    size = 2 * layout.nv
+    return Windows(
+        simulator,
+        np.array(numbers),
+        np.array(rows),
+        np.array(u),
+        past,
+        np.array(start),
+        np.array(spread),
+        np.array(measured),
+        noise.q,
+        np.zeros((len(start), size)),
+        np.zeros((len(start), count * layout.nv, size)),
+        settings,
+    )

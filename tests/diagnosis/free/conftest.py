@@ -1,0 +1,48 @@
+"""A brick that is tossed on the ground, and what a motion capture system would record of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.envs.effects import Effect
+
+BRICK = """<robot name="brick"><link name="brick">
+<inertial><mass value="0.4"/><inertia ixx="0.0007" ixy="0" ixz="0" iyy="0.0009" iyz="0" izz="0.0011"/></inertial>
+<collision><geometry><box size="0.12 0.1 0.08"/></geometry></collision></link></robot>"""
+RIG = {"robot": "brick.urdf", "base": "free", "timestep": 0.002, "record_period": 0.008, "joints": {}, "ground": {"friction": 0.5, "restitution": 0.0}}
+NOISE = 1e-4
+
+Tossed = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def tossed(tmp_path_factory: pytest.TempPathFactory) -> Tossed:
+    """Makes a folder with a rig and recordings of tosses of the brick with effects that the rig does not know."""
+
+    def make(effects: Sequence[Effect] = (), *, tosses: int = 8, noise: float = NOISE, twist: bool = False, **changes: Any) -> Path:
+        folder = tmp_path_factory.mktemp("tossed")
+        (folder / "brick.urdf").write_text(BRICK)
+        (folder / "rig.yaml").write_text(yaml.safe_dump({**RIG, **changes}))
+        rig, rng = read_rig(folder / "rig.yaml"), np.random.default_rng(0)
+        world, layout = rig.world(effects, substeps=4), rig.layout
+        for toss in range(tosses):
+            turn = rng.standard_normal(4)
+            start = [0.0, 0.0, rng.uniform(0.15, 0.25), *turn / np.linalg.norm(turn)], [*rng.uniform(-1, 1, 2), rng.uniform(-1, 0), *rng.uniform(-6, 6, 3)]
+            world.set_state(*start)
+            q, dq = world.roll(np.zeros((60, 0)))
+            off = np.concatenate((noise * rng.standard_normal((60, 6)), np.zeros((60, 6))), 1)
+            state = layout.plus(layout.state(q, dq), off)
+            names = ["time", *rig.columns["q"], *(rig.columns["dq"] if twist else ())]
+            values = np.column_stack((0.008 * np.arange(60), layout.q(state), *([dq] if twist else [])))
+            pd.DataFrame(values, columns=names).to_csv(folder / f"toss_{toss:02d}.csv", index=False)
+        return folder
+
+    return make

@@ -1,0 +1,73 @@
+"""Recordings of free bodies, from the file to the corrected rig."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.recording import errors
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.free.windows import Windows
+from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files, simulated
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings, ReplaySettings
+from mpge_bench.diagnosis.transitions.evidence import likeness
+from mpge_bench.envs.effects import ContactFriction
+
+from .conftest import Tossed
+from .test_windows import made
+
+#: Fewer windows than by default, and one effect at most, lest a test take minutes.
+QUICK = DiagnosisSettings(
+    replay=ReplaySettings(most=1), free=FreeSettings(few=16, windows=32, unseen_windows=12, tried=1, checked=3, polished=1)
+)
+
+
+@pytest.fixture(scope="module")
+def slippery(tossed: Tossed) -> tuple[Path, Diagnosis]:
+    folder = tossed([ContactFriction("brick", 0.15)])
+    return folder, diagnose_files(folder / "rig.yaml", [str(folder / "toss_*.csv")], folder / "report", jobs=1, settings=QUICK)
+
+
+def test_slippery_ground_is_named(slippery: tuple[Path, Diagnosis]) -> None:
+    _, found = slippery
+    assert [(one.effect, one.target) for one in found.result.effects] == [("contact_friction", "brick")]
+    assert found.result.effects[0].parameters["coefficient"].value == pytest.approx(0.15, rel=0.1)
+    held = found.result.fit.held_out
+    assert held.unit == "m"
+    assert held.after is not None
+    assert held.before is not None
+    assert held.after < held.before / 3
+    assert {one.name for one in found.result.where[:2]} <= {"impact", "sliding"}
+
+
+def test_the_corrected_rig_is_a_rig_that_predicts_better(slippery: tuple[Path, Diagnosis]) -> None:
+    folder, _ = slippery
+    rigs = [read_rig(folder / "rig.yaml"), read_rig(folder / "report" / "corrected.yaml")]
+    (one,) = read_recordings([folder / "toss_07.csv"], rigs[0])
+    off = [errors(simulated(rig, one, 0.1), one, rig)[0] for rig in rigs]
+    assert off[0][:2] == ("place", "m")
+    assert off[1][2] < off[0][2] / 2
+
+
+def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path) -> None:
+    folder = tossed()
+    found = diagnose_files(folder / "rig.yaml", [str(folder / "toss_*.csv")], tmp_path, jobs=1, settings=QUICK)
+    assert found.result.verdict == "no_mismatch"
+    assert found.result.p_value > DEFAULT.choose.significance
+    assert not found.effects
+
+
+def test_much_that_is_missed_in_no_direction_of_its_own_is_a_mismatch(tossed: Tossed) -> None:
+    windows, settings = made(tossed(tosses=4)), dataclasses.replace(DEFAULT.replay, room=DEFAULT.verdict.explained)
+    own, every = windows.imagined(0), np.arange(len(windows))
+
+    def chance(target: Windows) -> float:
+        return likeness(target, target.residuals((), every), own, own.residuals((), every), settings)[0]
+
+    assert 2 * chance(windows) > DEFAULT.choose.significance
+    spoilt = dataclasses.replace(windows, measured=windows.measured + 0.01 * np.sin(np.arange(len(windows)))[:, None, None])
+    assert 2 * chance(spoilt) < DEFAULT.choose.significance

@@ -1,0 +1,76 @@
+"""Windows predicted by the simulator from starts that are fitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.free.motion import motion_of, noise_of
+from mpge_bench.diagnosis.free.simulator import simulator_of
+from mpge_bench.diagnosis.free.windows import Windows, windows_of
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import ContactFriction
+from mpge_bench.envs.errors import UserError
+
+from .conftest import Tossed
+
+HIDDEN = (ContactFriction("brick", 0.15),)
+
+
+def made(folder: Path, total: int = 30) -> Windows:
+    rig = read_rig(folder / "rig.yaml")
+    found = read_recordings(sorted(folder.glob("*.csv")), rig)
+    noise = noise_of(found, rig.layout, {}, DEFAULT.free)
+    motions = [motion_of(one, rig.layout, noise, DEFAULT.free) for one in found]
+    return windows_of(simulator_of(rig, found, DEFAULT), found, motions, noise, DEFAULT.free, total).linearised().linearised()
+
+
+@pytest.fixture(scope="module")
+def windows(tossed: Tossed) -> Windows:
+    return made(tossed(HIDDEN, tosses=4))
+
+
+def test_the_true_effects_leave_the_noise(windows: Windows) -> None:
+    every = np.arange(len(windows))
+    missed, right = (np.abs(windows.residuals(effects, every)) for effects in ((), HIDDEN))
+    assert np.median(right) < 1.3
+    assert np.mean(np.median(right, 1) < 2.5) > 0.8, "but for some windows of several impacts"
+    assert np.median(missed) > 2 * np.median(right)
+
+
+def test_fitted_starts_stay_where_they_were_recorded(windows: Windows) -> None:
+    moved = windows.linearised(HIDDEN).residuals(HIDDEN, np.arange(len(windows)))[:, -12:]
+    assert np.median(np.abs(moved)) < 1.5
+
+
+def test_a_prediction_repeats_whatever_was_predicted_before(windows: Windows) -> None:
+    first = windows.residuals((), np.array([3, 5]))
+    windows.residuals(HIDDEN, np.arange(8))
+    assert np.array_equal(windows.residuals((), np.array([5])), first[1:])
+
+
+def test_a_part_is_what_it_was(windows: Windows) -> None:
+    chosen = np.arange(len(windows)) % 3 == 0
+    assert np.array_equal(windows.part(chosen).residuals((), np.array([1])), windows.residuals((), np.array([3])))
+
+
+def test_what_the_rig_itself_would_have_made_looks_like_the_rig(windows: Windows) -> None:
+    missed = windows.imagined(0).residuals((), np.arange(len(windows)))
+    assert np.median(np.abs(missed)) < 1.2
+
+
+def test_a_simulation_that_cannot_be_is_as_bad_as_can_be(windows: Windows) -> None:
+    assert (windows.residuals((ContactFriction("hoof", 0.1),), np.arange(3)) == DEFAULT.free.worst).all()
+
+
+def test_rows_at_uneven_intervals_are_one_line(tossed: Tossed) -> None:
+    folder = tossed(tosses=1)
+    path = folder / "toss_00.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:30] + lines[33:]))
+    with pytest.raises(UserError, match=r"toss_00.csv: row 30 comes 0.032 s after the one before, others 0.008 s; cut it there"):
+        made(folder)
