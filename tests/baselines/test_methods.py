@@ -21,7 +21,9 @@ GROUNDING = {"gat", "garat", "mpg", "mpge", "inversion"}
 KINDS = ("biased_pendulum", "broken_hopper", "lame_ant")
 #: A method meets a pair only through its task's two doors, source and samples: one that goes through both shows that a pair has them.
 EVERYWHERE = "mpg"
-RUNS = [(task, method) for task in TASKS for method in methods() if task in KINDS or method == EVERYWHERE]
+#: Its search takes minutes there; tests/diagnosis/transitions knows floating bases.
+TOO_LONG = ("lame_ant", "diagnose")
+RUNS = [(task, method) for task in TASKS for method in methods() if (task in KINDS or method == EVERYWHERE) and (task, method) != TOO_LONG]
 
 
 def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1, change=()):

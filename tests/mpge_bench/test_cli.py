@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import shutil
@@ -13,8 +14,11 @@ from pathlib import Path
 
 import pytest
 
+from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import TASKS
+from mpge_bench.harness import references as harness_references
+from mpge_bench.harness import run as harness_run
 from mpge_bench.policies import FOLDER
 
 from ..conftest import PATIENCE
@@ -208,7 +212,10 @@ def test_a_pairs_page(in_process):
     assert "Port of Gym's Hopper" in out
 
 
-def test_a_pair_of_ones_own_from_file_to_result(tmp_path, in_process, refused):
+def test_a_pair_of_ones_own_from_file_to_result(tmp_path, in_process, refused, monkeypatch):
+    # References are of many episodes, each as long as a pendulum stands.
+    for module in (harness_references, harness_run):
+        monkeypatch.setattr(module, "returns", functools.partial(returns, episodes=2))
     pair = tmp_path / "weak.yaml"
     pair.write_text("robot: inverted_pendulum\neffects:\n  - {effect: torque_gain, target: slider, gain: 0.5}\n")
     code, out, err = in_process("tasks", pair, "--json")

@@ -51,21 +51,26 @@ def _flags() -> set[str]:
         return set()
 
 
+@pytest.fixture(scope="module")
+def common(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """What is learnt as the package is by default."""
+    return _learnt(tmp_path_factory.mktemp("common"))
+
+
 @pytest.mark.skipif("avx2" not in _flags(), reason="the common code path is that of processors with AVX2")
-def test_the_same_seed_learns_the_same_in_another_setting(tmp_path):
+def test_the_same_seed_learns_the_same_in_another_setting(tmp_path, common):
     """One process or two; the C library choosing as on a processor without AVX-512; more threads offered."""
-    fixed, found = _learnt(tmp_path)
-    assert fixed == "True"
+    assert common[0] == "True"
     # As glibc before 2.26 has no such switch, it may do nothing; then the other differences of the two settings remain.
-    assert _learnt(tmp_path, 2, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW") == [fixed, found]
+    assert _learnt(tmp_path, 2, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW") == common
 
 
 @pytest.mark.skipif("avx512f" not in _flags(), reason="this processor has no other code path to take")
-def test_without_it_another_processor_would_learn_something_else(tmp_path):
+def test_without_it_another_processor_would_learn_something_else(tmp_path, common):
     """That is what the common code path is for."""
     fixed, found = _learnt(tmp_path, **{numerics._LEFT: "1", "OMP_NUM_THREADS": "1"})
     assert fixed == "False"
-    assert found != _learnt(tmp_path)[1]
+    assert found != common[1]
 
 
 def test_what_the_environment_asks_for_already_stays(monkeypatch):

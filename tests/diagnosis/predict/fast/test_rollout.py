@@ -173,7 +173,8 @@ def test_every_effect_that_is_searched_for_has_a_law_or_acts_on_the_model(rig: R
         rollout.mechanism(rig, [JointDamping("elbow", 0.1)])
     covered = {effect.name for effects in ARM_EFFECTS.values() for effect in effects}
     # What asks for whole states, contacts or servos' targets is not looked for in recordings of a mechanism.
-    elsewhere = {name for name, kind in CATALOGUE.items() if kind.asks_states} | {"contact_friction", "latency"}
+    contact = {"contact_friction", "restitution", "contact_compliance", "ground_height", "ground_tilt"}
+    elsewhere = {name for name, kind in CATALOGUE.items() if kind.asks_states} | contact | {"latency"}
     assert {name for name, kind in CATALOGUE.items() if "starts" in kind.__dict__ and kind.on != "sensor"} - elsewhere <= covered
 
 
