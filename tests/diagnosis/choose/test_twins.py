@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
-from mpge_bench.diagnosis.choose.twins import plainness, remainder, twins
+from mpge_bench.diagnosis.choose.twins import Twin, plainness, remainder, twins
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
@@ -89,3 +92,16 @@ def test_what_the_linearised_simulator_is_unsure_of_is_fitted(tmp_path: Path) ->
     alike = {chosen.name, *(label.split(":")[0] for pair in found.data["indistinguishable"] for label in pair)}
     assert {"gravity", "com_offset", "sensor_bias"} <= alike
     assert found.data["effects"][0]["confidence"] <= 0.5
+
+
+def test_what_is_one_as_seen_from_either_side_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seen from a tilted base an offset sensor is 2% off, and two fits to the end stop four standard deviations apart; seen from the sensor they are one."""
+    gravity, sensor = Gravity("world", (1.0, 0.0, -9.7)), SensorBias("hinge", 0.1)
+    chosen, rival = (SimpleNamespace(fit=Fit((one,), np.full((4, 4), left), np.zeros((0, 4, 4))), train=1.0) for one, left in ((gravity, 1.0), (sensor, 2.0)))
+    for one in (chosen, rival):
+        one.effects, one.key = one.fit.effects, key(one.fit.effects)
+    seen = {chosen.key: [Twin((sensor,), gravity, 66.0, 3000.0)], rival.key: [Twin((gravity,), sensor, 0.4, 3000.0)]}
+    monkeypatch.setattr(twins_module, "_by_columns", lambda trials, model, *, only=None: seen[model.key])
+    trials: Any = SimpleNamespace(problem=SimpleNamespace(settings=DEFAULT), known=lambda: {rival.key: rival})
+    (found,) = twins(trials, chosen)  # type: ignore[arg-type]
+    assert found.distance == pytest.approx(0.4)
