@@ -326,7 +326,7 @@ class Model:
             element.remove(limit)
 
     def set_friction(self, link: str, coefficient: float) -> None:
-        """Give `link` another coefficient of friction in contact.
+        """Give `link` (``"*"``: every link that can touch something) another coefficient of friction in contact.
 
         Raises:
             UserError: if no link that can touch anything has that name.
@@ -334,21 +334,28 @@ class Model:
         self.set_contact(link, lateral_friction=coefficient)
 
     def set_contact(self, link: str, **values: float) -> None:
-        """Give `link` other properties in contact: ``lateral_friction``, ``restitution``, or ``stiffness``, N/m, with ``damping``, N s/m.
+        """Give `link` (``"*"``: every link that can touch something) other properties in contact.
+
+        Args:
+            values: ``lateral_friction``, ``restitution``, or ``stiffness``, N/m, with ``damping``, N s/m.
 
         Raises:
             UserError: if no link that can touch anything has that name.
         """
+        for one in self.touching() if link == "*" else (link,):
+            contact = self._contact(one)
+            for name, value in values.items():
+                for present in contact.findall(name):
+                    contact.remove(present)
+                ET.SubElement(contact, name, value=repr(float(value)))
+
+    def _contact(self, link: str) -> ET.Element:
+        """What `link` says of contact, made at need."""
         element = self._root.find(f"link[@name='{link}']")
         if element is None or element.find("collision") is None:
             raise UserError(f"no link {link!r} that can touch anything; the model has {', '.join(self.touching()) or 'none'}")
         contact = element.find("contact")
-        if contact is None:
-            contact = ET.SubElement(element, "contact")
-        for name, value in values.items():
-            for present in contact.findall(name):
-                contact.remove(present)
-            ET.SubElement(contact, name, value=repr(float(value)))
+        return ET.SubElement(element, "contact") if contact is None else contact
 
     def friction(self, link: str) -> float:
         """Coefficient of friction of `link` in contact; Bullet's own where the file gives none."""

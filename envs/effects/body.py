@@ -191,8 +191,7 @@ class ContactFriction(Effect):
     parameters = {"coefficient": Parameter("1", 0.0, 10.0, neutral=math.inf)}
 
     def install(self, model: Model) -> None:
-        for link in model.touching() if self.target == "*" else (self.target,):
-            model.set_friction(link, self.coefficient)
+        model.set_friction(self.target, self.coefficient)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -216,8 +215,7 @@ class Restitution(Effect):
     parameters = {"coefficient": Parameter("1", 0.0, 1.0, neutral=math.inf)}
 
     def install(self, model: Model) -> None:
-        for link in model.touching() if self.target == "*" else (self.target,):
-            model.set_contact(link, restitution=self.coefficient)
+        model.set_contact(self.target, restitution=self.coefficient)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -242,8 +240,7 @@ class ContactCompliance(Effect):
     parameters = {"stiffness": Parameter("N/m", 1.0, 1e9, neutral=math.inf), "damping": Parameter("N s/m", 0.0, 1e7, neutral=math.inf)}
 
     def install(self, model: Model) -> None:
-        for link in model.touching() if self.target == "*" else (self.target,):
-            model.set_contact(link, stiffness=self.stiffness, damping=self.damping)
+        model.set_contact(self.target, stiffness=self.stiffness, damping=self.damping)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

@@ -125,7 +125,7 @@ class Trials:
     def converged(self, model: Model, fitter: LinearFitter) -> tuple[Model, LinearFitter]:
         """`model` fitted anew about its own fit until that no longer helps."""
         settings = self.settings
-        evaluations = self.problem.settings.fit.evaluations_polish
+        evaluations, train = self.problem.settings.fit.evaluations_polish, ~self.problem.validation
         # One far from the noise is but a step on the way, unless it hides how near it could come.
         on_the_way = model.train > settings.on_the_way and not any(effect.remembers for effect in model.effects)
         for _ in range(0 if on_the_way else settings.convergences):
@@ -135,7 +135,7 @@ class Trials:
                 evaluations = 1
             again = polished(self.problem, model.effects, evaluations=evaluations)
             # Each leaves itself as much room as its own physics step asks for.
-            gained = model.level_beside(again[0], ~self.problem.validation) - again[0].level_beside(model, ~self.problem.validation)
+            gained = model.level_beside(again[0], train) - again[0].level_beside(model, train)
             if gained > 0:
                 model, fitter = again
             if gained < settings.converged * model.train:

@@ -34,9 +34,9 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
     best = _refined(problem, fitter, fit, settings.iterations_polish, settings.halvings)
     if evaluations != 1 and fit.size:
         # What fits the linearised simulator better may be far off in the simulator, as where friction falls with speed.
-        first = fitter.fit(effects, evaluations=1)
-        if _refined(problem, fitter, first, 0).chi_square < best.chi_square:
-            fit = _differentiated(problem, fitter, first)
+        first = _tried(problem, fitter, tuple(effects), fitter.predictor.first, None)
+        if first is not None and first.chi_square < best.chi_square:
+            fit = _differentiated(problem, fitter, fitter.fit(effects, evaluations=1))
             best = _refined(problem, fitter, fit, settings.iterations_polish, settings.halvings)
     return _judged(problem, fitter, best, fit.jacobian)
 

@@ -59,7 +59,7 @@ def diagnose_free(
     search = Search(fitted, options, workers, clock, settings.replay, advance)
     own = fitted.imagined(0)
     test = compared(fitted, own, options, search.few, workers, settings)
-    answer = search.answer() if test.is_mismatch else _nothing(search)
+    answer = search.answer() if test.is_mismatch else search.nothing()
     answer = chosen_by(searched.part(choosing), answer, settings)
     where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
     result = concluded(fitted, unseen, parts.unseen, answer, test, where, _checks(recordings, rig, noise), settings, clock)
@@ -93,11 +93,6 @@ def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> 
     told = [model_of(windows, one.hypotheses, one.values, every, settings.replay).description for one in models]
     first = int(np.argmin(told))
     return answer if told[0] - told[first] < settings.replay.equal else replace(answer, chosen=models[first])
-
-
-def _nothing(search: Search) -> Answer:
-    nominal = model_of(search.replay, (), (), search.rows, search.settings)
-    return Answer(nominal, nominal, (nominal,), (), search.rows, ())
 
 
 def _checks(recordings: Sequence[Recording], rig: Rig, noise: Noise) -> tuple[str, ...]:

@@ -14,9 +14,9 @@ from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import Comparison
-from mpge_bench.diagnosis.transitions.fit import Model, Predictor
-from mpge_bench.diagnosis.transitions.verdict import bounded, confused, found_of, label_of, said, verdict_of
-from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Evidence, Place, Rival, Trajectory
+from mpge_bench.diagnosis.transitions.fit import Predictor
+from mpge_bench.diagnosis.transitions.verdict import bounded, confused, found_of, label_of, rivals, said, verdict_of
+from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Evidence, Place, Trajectory
 from mpge_bench.diagnosis.verdict.words import chance
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
@@ -47,6 +47,13 @@ def concluded(
     if chosen.hypotheses and _typical(after, unseen) > _typical(before, unseen):
         taken_back = (f"{label_of(chosen)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
         chosen, after = answer.nominal, before
+
+    def error_of(effects: tuple[Effect, ...]) -> float | None:
+        try:
+            return _typical(_off(unseen, effects), unseen)
+        except UserError:
+            return None
+
     verdict = verdict_of(chosen, test, exact=False)
     fit = _accuracy(unseen, before, after)
     named = bounded(fitted, chosen, answer.rows, settings)
@@ -57,7 +64,7 @@ def concluded(
         test.p_value,
         tuple(where) if verdict != "no_mismatch" else (),
         found_of(named),
-        _rivals(unseen, answer, chosen, settings),
+        rivals(answer, chosen, error_of, settings),
         equals,
         fit,
         not answer.cut,
@@ -106,21 +113,6 @@ def _accuracy(windows: Windows, before: Array, after: Array) -> Accuracy:
         channels[name] = Errors(sizes[0], sizes[1], float(np.sqrt((windows.noise[part] ** 2).sum())), own)
     horizon = windows.measured.shape[1] * windows.simulator.period
     return Accuracy(horizon, Errors(_typical(before, windows), _typical(after, windows), floor, unit), channels)
-
-
-def _rivals(unseen: Windows, answer: Answer, chosen: Model, settings: DiagnosisSettings) -> tuple[Rival, ...]:
-    others = sorted((one for one in answer.models if one.key != chosen.key), key=lambda one: one.description)
-    found = []
-    for one in others[: settings.verdict.rivals]:
-        behind = (one.description - chosen.description) * chosen.residuals.size
-        values = "; ".join(", ".join(f"{value:.4g}" for value in own) for own in one.values)
-        labels = tuple(hypothesis.label for hypothesis in one.hypotheses) or ("nothing",)
-        try:
-            error = _typical(_off(unseen, one.effects), unseen)
-        except UserError:
-            error = None
-        found.append(Rival(labels, error, behind, values))
-    return tuple(found)
 
 
 def _summary(verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, where: Sequence[Place], answer: Answer) -> tuple[str, ...]:

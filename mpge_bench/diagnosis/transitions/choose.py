@@ -72,20 +72,26 @@ class Search:
         entries = pieces.entries
         self.every = np.arange(len(pieces))
         #: For first looks and, more of them, for drafts: of all kinds of motion.
-        self.glance, self.few = (self.spread(rows, ()) for rows in (glimpsed, settings.drafted // entries))
+        worst = self.worst(())
+        self.glance, self.few = (self.spread(rows, worst) for rows in (glimpsed, settings.drafted // entries))
         #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
         self.rows = pieces.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
 
-    def spread(self, total: int, effects: Sequence[Effect]) -> Rows:
-        """About `total` rows in stretches evenly spread; with noise half of them where `effects` leave most: what acts seldom shows there alone."""
+    def spread(self, total: int, worst: Rows | None) -> Rows:
+        """About `total` rows in stretches evenly spread; half of them the `worst` ones, where these are known."""
         pieces, length = self.replay, self.settings.stretch
-        if self.noise is None or total >= len(pieces):
+        if worst is None or total >= len(pieces):
             return pieces.stretches(total, length)
-        missed = self.replay.residuals(effects, self.every)
+        return np.union1d(pieces.stretches(total // 2, length), worst[: max(1, total // 2 // length), None] + np.arange(length))
+
+    def worst(self, effects: Sequence[Effect]) -> Rows | None:
+        """Beginnings of stretches with noise, those of which `effects` leave most first: what acts seldom shows there alone. None without noise."""
+        if self.noise is None:
+            return None
+        missed, length = self.replay.residuals(effects, self.every), self.settings.stretch
         size = np.log1p((missed / scales_of(self.noise, self.settings)) ** 2).mean(1)
-        begins = np.arange(0, len(pieces) - length + 1, length)
-        worst = begins[np.argsort(-np.add.reduceat(size, begins))[: max(1, total // 2 // length)]]
-        return np.union1d(pieces.stretches(total // 2, length), worst[:, None] + np.arange(length))
+        begins = np.arange(0, len(self.replay) - length + 1, length)
+        return np.asarray(begins[np.argsort(-np.add.reduceat(size, begins))])
 
     @cached_property
     def noise(self) -> Array | None:
@@ -115,6 +121,11 @@ class Search:
         equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
         return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
 
+    def nothing(self) -> Answer:
+        """The answer where there is no mismatch."""
+        nominal = model_of(self.replay, (), (), self.rows, self.settings)
+        return Answer(nominal, nominal, (nominal,), (), self.rows, ())
+
     def is_lacking(self, model: Model, share: float) -> bool:
         """Whether `model` leaves more than the right one would: than the source does of its own or, without noise, rounding in this share of the entries.
 
@@ -132,7 +143,8 @@ class Search:
         """
         settings = self.settings
         if self.noise is not None and model.hypotheses:
-            self.glance, self.few = (self.spread(len(rows), model.effects) for rows in (self.glance, self.few))
+            worst = self.worst(model.effects)
+            self.glance, self.few = (self.spread(len(rows), worst) for rows in (self.glance, self.few))
             self.columns.clear()
         if model.missed > settings.exact or model.key in self.shown:
             return model

@@ -19,10 +19,9 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.pipeline import Progress
 from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
-from mpge_bench.diagnosis.transitions.choose import Answer, Search
+from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.episodes import Episodes, checked
 from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
-from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.verdict import concluded
@@ -80,14 +79,9 @@ def unmask(
     with Workers(jobs) as workers:
         search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, nothing)
         test = compared(fitted, nothing, options, search.few, workers, settings)
-        answer = search.answer() if test.is_mismatch else _nothing(search)
+        answer = search.answer() if test.is_mismatch else search.nothing()
     result = concluded(whole, unseen, answer, test, settings, clock)
     return Unmasked(result, answer.chosen.effects if result.effects else ())
-
-
-def _nothing(search: Search) -> Answer:
-    nominal = model_of(search.replay, (), (), search.rows, search.settings)
-    return Answer(nominal, nominal, (nominal,), (), search.rows, ())
 
 
 def corrected_pair(task: Task, effects: tuple[Effect, ...]) -> dict[str, Any]:

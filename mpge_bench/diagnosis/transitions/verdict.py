@@ -54,14 +54,14 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
     fit = _accuracy(replay, before, after, None if exact else test.floor)
     named = bounded(replay, chosen, answer.rows, settings)
     where = _places(replay, answer.nominal) if verdict != "no_mismatch" else ()
-    rivals = _rivals(missed, answer, chosen, settings)
+    others = rivals(answer, chosen, lambda effects: _size(missed(effects)), settings)
     equals = confused(chosen, answer.equals, settings)
     return DiagnosisResult(
         verdict,
         test.p_value,
         where,
         found_of(named),
-        rivals,
+        others,
         equals,
         fit,
         not answer.cut,
@@ -144,14 +144,21 @@ def _places(replay: Replay, nominal: Model) -> tuple[Place, ...]:
     )
 
 
-def _rivals(missed: Callable[[tuple[Effect, ...]], Array], answer: Answer, chosen: Model, settings: DiagnosisSettings) -> tuple[Rival, ...]:
+def rivals(
+    answer: Answer, chosen: Model, error_of: Callable[[tuple[Effect, ...]], float | None], settings: DiagnosisSettings
+) -> tuple[Rival, ...]:
+    """The best of the other models that were tried.
+
+    Args:
+        error_of: effects, on what is held out; None where the simulation fails.
+    """
     others = sorted((one for one in answer.models if one.key != chosen.key), key=lambda one: one.description)
     found = []
     for one in others[: settings.verdict.rivals]:
         behind = (one.description - chosen.description) * chosen.residuals.size
         values = "; ".join(", ".join(f"{value:.4g}" for value in own) for own in one.values)
         labels = tuple(hypothesis.label for hypothesis in one.hypotheses) or ("nothing",)
-        found.append(Rival(labels, _size(missed(one.effects)), behind, values))
+        found.append(Rival(labels, error_of(one.effects), behind, values))
     return tuple(found)
 
 
