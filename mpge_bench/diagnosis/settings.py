@@ -233,6 +233,7 @@ class ReplaySettings:
     checked: int = _setting(24, "hypotheses", "are looked at a second time, at the parameters that the first look proposes")
     strides: tuple[float, ...] = _setting((4.0, 16.0), "times the first look's proposal", "tried, too: it falls short where the mismatch is large")
     tried: int = _setting(10, "hypotheses", "are fitted in each round")
+    companion: float = _setting(0.1, "share of what is left", "that one more of a kind must explain, to be looked at with the others")
     promising: float = _setting(0.05, "share of the best look's gain", "looks that promise less are not followed up")
     polished: int = _setting(3, "models", "of a round are fitted to the end")
     iterations_first: int = _setting(2, "iterations", "of all drafts")

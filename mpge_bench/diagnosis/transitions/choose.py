@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.transitions.evidence import best_trust, likeness
 from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, chance_of, fitted, model_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
-from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again
+from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again, together
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -198,23 +198,27 @@ class Search:
         return replace(self.replay, trust=best_trust(self.replay, model.effects, self.settings))
 
     def looks(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
-        """Those of `hypotheses` that promise most beside `model`."""
+        """Those of `hypotheses` that promise most beside `model`, by themselves or several of a kind together."""
         settings, known = self.settings, self.columns
         glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
         unknown = [one for one in hypotheses if one.key not in known]
         columns: list[Columns] = self.each(columns_of, (replay, glance, self.glance), unknown)  # type: ignore[assignment]
         known.update({one.hypothesis.key: one for one in columns})
-        found = [look(glance, known[one.key], settings) for one in hypotheses if one.key in known and one.key not in model.key]
+        left = [known[one.key] for one in hypotheses if one.key in known and one.key not in model.key]
+        found = [look(glance, one, settings) for one in left]
+        for kind in dict.fromkeys(one.hypothesis.kind for one in left):
+            several = together(glance, [one for one in left if one.hypothesis.kind is kind and one.hypothesis.is_single], settings)
+            found += [several] if several else []
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
         again: list[Look] = self.each(looked_again, (replay, few, self.few, settings), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
-        _log.debug("looks %s", [(one.hypothesis.label, round(one.gain, 3)) for one in again])
-        checked = {one.hypothesis.key for one in again}
-        return [*again, *[one for one in found if one.hypothesis.key not in checked][: settings.tried // 2]]
+        _log.debug("looks %s", [(one.label, round(one.gain, 3)) for one in again])
+        checked = {one.hypotheses for one in again}
+        return [*again, *[one for one in found if one.hypotheses not in checked][: settings.tried // 2]]
 
     def drafts(self, replay: Predictor, model: Model) -> list[Model]:
-        """`model` with one hypothesis more, each of those that promise most, fitted to few transitions; the best first.
+        """`model` with what promises most beside it, each fitted to few transitions; the best first.
 
         Those of one parameter come first: where one of them leaves nothing but rounding or noise, none can be plainer, and nothing else is looked at.
         """
@@ -241,7 +245,7 @@ class Search:
         replay = self.drafted(model)
         few = model_of(replay, model.hypotheses, model.values, self.few, settings)
         drafts = self.drafts(replay, model)
-        _log.debug("drafts %s", [(one.hypotheses[-1].label, one.values[-1], round(one.description, 3)) for one in drafts])
+        _log.debug("drafts %s", [([other.label for other in one.hypotheses], one.values, round(one.description, 3)) for one in drafts])
         # Few transitions say little of chance: that is for the end.
         if not drafts or drafts[0].description > few.description - settings.material:
             return None
@@ -274,10 +278,10 @@ class Search:
         nominal = model_of(self.drafted(self.models[frozenset()]), (), (), self.glance, self.settings)
         columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
         known = [look(nominal, one, self.settings) for one in columns]
-        for one in sorted(known, key=lambda one: (one.hypothesis.size, -one.gain)):
+        for one in sorted(known, key=lambda one: (one.hypotheses[0].size, -one.gain)):
             if self.late("one effect in the place of several"):
                 break
-            draft = fitted(self.replay, (one.hypothesis,), (one.start,), self.few, self.settings, self.settings.iterations_polish)
+            draft = fitted(self.replay, one.hypotheses, one.start, self.few, self.settings, self.settings.iterations_polish)
             # Only one that is as near has a chance.
             if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
                 continue
@@ -327,7 +331,7 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
 
 def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
     """The beginning of a fit."""
-    return fitted(replay, (*model.hypotheses, look.hypothesis), (*model.values, look.start), rows, settings, settings.iterations_first)
+    return fitted(replay, (*model.hypotheses, *look.hypotheses), (*model.values, *look.start), rows, settings, settings.iterations_first)
 
 
 def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:

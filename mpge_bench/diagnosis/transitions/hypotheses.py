@@ -48,6 +48,11 @@ class Hypothesis:
         return f"{self.kind.name}:{self.targets[0] if len(self.targets) == 1 else f'{len(self.targets)} alike'}"
 
     @property
+    def is_single(self) -> bool:
+        """Whether it acts on one thing of several that it could act on."""
+        return len(self.targets) == 1 and self.targets != ("*",) and self.kind.on != "world"
+
+    @property
     def size(self) -> int:
         """Number of parameters."""
         return len(parameters_of(self.starts[0]))

@@ -30,20 +30,29 @@ class Columns:
     changes: Array
 
 
+#: Parameters of each of several hypotheses.
+Values = tuple[tuple[float, ...], ...]
+
+
 @dataclass(frozen=True)
 class Look:
     """What a look told.
 
     Attributes:
-        gain: share of the robust cost that the hypothesis could take away, as far as the look says.
-        start: parameters from which to fit it.
-        other: the best of the hypothesis's own starts.
+        hypotheses: one, or several of one kind, each with parameters of its own.
+        gain: share of the robust cost that they could take away, as far as the look says.
+        start: parameters from which to fit each.
+        other: the best of each one's own starts.
     """
 
-    hypothesis: Hypothesis
+    hypotheses: tuple[Hypothesis, ...]
     gain: float
-    start: tuple[float, ...]
-    other: tuple[float, ...]
+    start: Values
+    other: Values
+
+    @property
+    def label(self) -> str:
+        return " + ".join(one.label for one in self.hypotheses)
 
 
 def columns_of(replay: Predictor, model: Model, rows: Rows, hypothesis: Hypothesis) -> Columns:
@@ -55,54 +64,110 @@ def columns_of(replay: Predictor, model: Model, rows: Rows, hypothesis: Hypothes
 
 def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
     """What `known` could explain of the residuals of `model`: by the best of its starts or, in proportion, by their best sum."""
+    other, found = _guess(model, known, settings)
+    return Look((known.hypothesis,), found.gain, (found.values,), (other.values,))
+
+
+def together(model: Model, known: Sequence[Columns], settings: ReplaySettings) -> Look | None:
+    """What several of the hypotheses `known`, all of one kind, could explain together, each in proportion; None where no two of them do more than one.
+
+    They are taken in one after another, each time that which lowers what is left most (orthogonal matching pursuit, Pati et al. 1993).
+    """
+    known = [one for one in known if one.hypothesis.absent is not None]
+    guesses = [_guess(model, one, settings) for one in known]
+    weights = _weights(model.residuals, settings)
+    own, columns = (model.residuals * weights).ravel(), np.array([(found.change * weights).ravel() for _, found in guesses])
+    taken: list[int] = []
+    shares, left = np.zeros(0), own
+    while len(taken) < len(known):
+        along = (columns @ left) ** 2 / np.maximum((columns**2).sum(1), 1e-18)
+        along[taken] = 0.0
+        trial = [*taken, int(np.argmax(along))]
+        found = np.linalg.lstsq(columns[trial].T, own, rcond=1e-4)[0]
+        rest = own - found @ columns[trial]
+        if float(rest @ rest) > (1 - settings.companion) * float(left @ left):
+            break
+        taken, shares, left = trial, found, rest
+    if len(taken) < 2:
+        return None
+    starts = []
+    for place, share in zip(taken, shares, strict=True):
+        low, high = known[place].hypothesis.bounds
+        absent = np.array(known[place].hypothesis.absent)
+        starts.append(tuple(np.clip(absent + share * (np.array(guesses[place][1].values) - absent), low, high).tolist()))
+    gain = 1 - float(left @ left) / float(own @ own)
+    return Look(tuple(known[place].hypothesis for place in taken), gain, tuple(starts), tuple(guesses[place][0].values for place in taken))
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """Parameters of one hypothesis, the share of the cost that they could take away, and what they change of the residuals, shape (rows, entries)."""
+
+    gain: float
+    values: tuple[float, ...]
+    change: Array
+
+
+def _guess(model: Model, known: Columns, settings: ReplaySettings) -> tuple[_Guess, _Guess]:
+    """The best of the starts of `known`, and that or, in proportion, their best sum beside `model`, whichever promises more."""
     residuals, hypothesis, starts = model.residuals, known.hypothesis, known.starts
-    scale = _scale(residuals, settings)
-    weights = 1 / (scale * np.sqrt(1 + (residuals / scale) ** 2))
+    scale, weights = _scale(residuals, settings), _weights(residuals, settings)
     costs = [_share(residuals, residuals - change, scale) for change in known.changes]
     best = int(np.argmax(costs))
-    other = tuple(starts[best].tolist())
-    found = Look(hypothesis, costs[best], other, other)
+    other = _Guess(costs[best], tuple(starts[best].tolist()), known.changes[best])
     columns, own = (known.changes * weights).reshape(len(starts), -1), (residuals * weights).ravel()
     length = np.linalg.norm(columns, axis=1)
     alive = length > 1e-9
     if hypothesis.absent is None or not alive.any() or not own.any():
-        return found
+        return other, other
     absent = np.array(hypothesis.absent)
     moves = starts - absent
     options: list[tuple[float, Array]] = []
     if len(starts) == len(absent):
         shares = np.zeros(len(starts))
         shares[alive] = np.linalg.lstsq((columns[alive] / length[alive, None]).T, own, rcond=1e-4)[0] / length[alive]
-        options.append((1 - float(((own - shares @ columns) ** 2).sum() / (own**2).sum()), absent + shares @ moves))
-    for column, move in zip(columns[alive], moves[alive], strict=True):
-        share = float(own @ column / (column @ column))
-        options.append((float((own @ column) ** 2 / (column @ column) / (own**2).sum()), absent + share * move))
-    gain, start = max(options, key=lambda one: one[0])
-    if gain <= found.gain:
-        return found
-    low, high = hypothesis.bounds
-    return Look(hypothesis, gain, tuple(np.clip(start, low, high).tolist()), other)
+        options.append((1 - float(((own - shares @ columns) ** 2).sum() / (own**2).sum()), shares))
+    for place in np.flatnonzero(alive):
+        column = columns[place]
+        shares = np.zeros(len(starts))
+        shares[place] = float(own @ column / (column @ column))
+        options.append((float((own @ column) ** 2 / (column @ column) / (own**2).sum()), shares))
+    gain, shares = max(options, key=lambda one: one[0])
+    if gain <= other.gain:
+        return other, other
+    values = tuple(np.clip(absent + shares @ moves, *hypothesis.bounds).tolist())
+    return other, _Guess(gain, values, np.tensordot(shares, known.changes, 1))
 
 
 def looked_again(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
-    """`look` with the gain that its start really brings, or one several times as far on, or the best of the hypothesis's own starts."""
+    """`look` with the gain that its start really brings, or one several times as far on, or the best of the hypotheses' own starts."""
     scale = _scale(model.residuals, settings)
 
-    def gain(start: Sequence[float]) -> float:
-        return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, look.hypothesis], [*model.values, start]), rows), scale)
+    def gain(start: Values) -> float:
+        return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, *look.hypotheses], [*model.values, *start]), rows), scale)
 
     starts = dict.fromkeys((look.start, look.other, *_further(look, settings)))
     gains = {start: gain(start) for start in starts}
     best = max(gains, key=gains.__getitem__)
-    return Look(look.hypothesis, gains[best], best, look.other)
+    return Look(look.hypotheses, gains[best], best, look.other)
 
 
-def _further(look: Look, settings: ReplaySettings) -> list[tuple[float, ...]]:
+def _further(look: Look, settings: ReplaySettings) -> list[Values]:
     """Parameters several times as far from absence as `look` proposes: contacts that come sooner or later hide how large a large mismatch is."""
-    if look.hypothesis.absent is None:
+    if any(one.absent is None for one in look.hypotheses):
         return []
-    absent, (low, high) = np.array(look.hypothesis.absent), look.hypothesis.bounds
-    return [tuple(np.clip(absent + stride * (np.array(look.start) - absent), low, high).tolist()) for stride in settings.strides]
+    return [tuple(_strided(*one, stride) for one in zip(look.hypotheses, look.start, strict=True)) for stride in settings.strides]
+
+
+def _strided(hypothesis: Hypothesis, start: tuple[float, ...], stride: float) -> tuple[float, ...]:
+    absent, (low, high) = np.array(hypothesis.absent), hypothesis.bounds
+    return tuple(np.clip(absent + stride * (np.array(start) - absent), low, high).tolist())
+
+
+def _weights(residuals: Array, settings: ReplaySettings) -> Array:
+    """Of residuals in sums of squares, shaped as they are: what is far off counts less."""
+    scale = _scale(residuals, settings)
+    return np.asarray(1 / (scale * np.sqrt(1 + (residuals / scale) ** 2)))
 
 
 def _scale(residuals: Array, settings: ReplaySettings) -> Array:

@@ -22,7 +22,7 @@ from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs import Task, get_task
-from mpge_bench.envs.effects import AttachedMass, Effect
+from mpge_bench.envs.effects import AttachedMass, Effect, TorqueGain
 from mpge_bench.unmask import drawn
 
 #: Fewer rows, so that tests take seconds.
@@ -124,6 +124,19 @@ def test_with_noise_what_acts_in_few_transitions_is_looked_for_in_these() -> Non
 def test_where_one_parameter_explains_all_none_of_several_is_looked_at() -> None:
     search = searched(get_task("heavy_pendulum"), {"mass_scale", "payload", "link_size"}, "pole", 200)
     assert [name for name, _ in search.columns] == ["mass_scale"]
+
+
+def test_what_several_joints_have_each_in_its_own_measure_is_found_in_one_round() -> None:
+    task, settings = get_task("broken_hopper"), DEFAULT.replay
+    weak = dataclasses.replace(task, effects=(TorqueGain("thigh_joint", 0.7), TorqueGain("leg_joint", 0.4)))
+    found, own = (Replay(task.robot, one, settings.settle, settings.worst) for one in drawn(weak, 300, 0.0, 0))
+    options = [one for one in hypotheses(task.robot, found.episodes, settings) if one.kind.name in ("torque_gain", "coulomb_friction") and one.is_single]
+    search = Search(found, options, Workers(1), Clock(0.0, math.inf), settings, own=own)
+    effects = search.answer().chosen.effects
+    assert [(one.name, one.target) for one in effects] == [("torque_gain", "thigh_joint"), ("torque_gain", "leg_joint")]
+    assert [one.gain for one in effects] == pytest.approx([0.7, 0.4], rel=1e-6)  # type: ignore[attr-defined]
+    # After the model of none comes that of both.
+    assert [len(one.hypotheses) for one in search.models.values()][:2] == [0, 2]
 
 
 def test_a_parameter_that_changes_nothing_is_left_where_it_is_absent() -> None:

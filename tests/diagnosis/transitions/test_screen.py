@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.fit import model_of
-from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.fit import Model, model_of
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
-from mpge_bench.diagnosis.transitions.screen import columns_of, look, looked_again
+from mpge_bench.diagnosis.transitions.screen import Columns, columns_of, look, looked_again, together
 from mpge_bench.envs import get_task
+from mpge_bench.envs.effects import TorqueGain
 from mpge_bench.unmask import drawn
 
 SETTINGS = DEFAULT.replay
@@ -23,4 +24,20 @@ def test_a_second_look_sees_a_mismatch_that_is_many_times_as_large_as_the_first_
     first = look(nominal, columns_of(found, nominal, rows, heavy), SETTINGS)
     second = looked_again(found, nominal, rows, SETTINGS, first)
     assert second.gain > first.gain + 0.1
-    assert second.start[0] > 1.5
+    assert second.start[0][0] > 1.5
+
+
+def test_together_takes_in_what_explains_more_and_nothing_else() -> None:
+    """Three joints, of which two lack torque: residuals are sums of the first two's columns."""
+    rng = np.random.default_rng(0)
+    changes = rng.normal(size=(3, 200, 4))
+    residuals = 2.0 * changes[0] - 1.0 * changes[1] + 0.01 * rng.normal(size=(200, 4))
+    gains = [Hypothesis((joint,), (TorqueGain(joint, 0.9),), (1.0,)) for joint in "abc"]
+    known = [Columns(one, np.array([[0.9]]), change[None]) for one, change in zip(gains, changes, strict=True)]
+    model = Model((), (), residuals, 0.0)
+    found = together(model, known, SETTINGS)
+    assert found is not None
+    assert found.label == "torque_gain:a + torque_gain:b"
+    assert found.gain > 0.99
+    np.testing.assert_allclose(found.start, [(0.8,), (1.1,)], atol=1e-3)
+    assert together(Model((), (), 2.0 * changes[0], 0.0), known, SETTINGS) is None
