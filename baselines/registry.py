@@ -25,6 +25,7 @@ ADDRESSES = {
     "mpg": "mpge_bench.baselines.mpg:MPG",
     "mpge": "mpge_bench.baselines.mpge:MPGE",
     "inversion": "mpge_bench.baselines.inversion:Inversion",
+    "sysid": "mpge_bench.repair:Identification",
     "diagnose": "mpge_bench.repair:Repair",
     "darc": "mpge_bench.baselines.darc:DARC",
     "finetune": "mpge_bench.baselines.finetune:FineTune",

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, run
 
 
@@ -16,3 +17,14 @@ def test_the_agent_learns_in_the_source_with_what_was_found(tmp_path: Path) -> N
     assert "adds a constant 150 N m" in result["report"]["verdict"]
     assert result["target_samples"] == 150
     assert "physics" in result["access"]
+
+
+def test_system_identification_fits_everything_and_learns_there(tmp_path: Path) -> None:
+    result = run(RunSettings("biased_pendulum", "sysid", 60, "smoke", overrides=("effects=[torque_gain,torque_bias]",)), tmp_path)
+    report = result["report"]
+    assert report["parameters"] == 2
+    assert [one["effect"] for one in report["effects"]] == ["torque_gain", "torque_bias"]
+    assert report["effects"][1]["torque"] == pytest.approx(150, rel=0.2)
+    assert report["held_out"]["after"] < report["held_out"]["before"]
+    with pytest.raises(UserError, match="setting effects names stiction; the catalogue has"):
+        run(RunSettings("biased_pendulum", "sysid", 60, "smoke", overrides=("effects=[stiction]",)), tmp_path)

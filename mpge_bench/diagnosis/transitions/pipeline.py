@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.pipeline import Progress
 from mpge_bench.diagnosis.report.page import report_html
-from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, ReplaySettings
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.episodes import Episodes, checked
 from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
@@ -46,6 +47,37 @@ class Unmasked:
     effects: tuple[Effect, ...]
 
 
+@dataclass(frozen=True)
+class Parts:
+    """The same episodes as they are fitted to and judged by.
+
+    Attributes:
+        whole: all of the target's.
+        fitted: the first part of each of the target's.
+        own: all of the source's.
+        unseen: which of `whole` no fit and no choice looks at, shape (transitions,).
+    """
+
+    whole: Replay
+    fitted: Replay
+    own: Replay
+    unseen: npt.NDArray[np.bool_]
+
+
+def parted(robot: Robot, target: Episodes, own: Episodes, settings: ReplaySettings) -> Parts:
+    """The target's and the source's `own` transitions, ready to be predicted.
+
+    Raises:
+        UserError: if they are not the robot's.
+    """
+    found = checked(target, robot, "transitions")
+    unseen = found.places >= np.ceil((1 - settings.unseen) * found.lengths)
+    nothing = Replay(robot, checked(own, robot, "the source's transitions"), settings.settle, settings.worst)
+    trust = trust_in(nothing, settings)
+    whole, fitted, nothing = (Replay(robot, one, settings.settle, settings.worst, trust) for one in (found, found.part(~unseen), nothing.episodes))
+    return Parts(whole, fitted, nothing, unseen)
+
+
 def unmask(
     robot: Robot,
     target: Episodes,
@@ -68,19 +100,15 @@ def unmask(
     """
     begun = begin_budget()
     clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
-    found, replay = checked(target, robot, "transitions"), settings.replay
-    unseen = found.places >= np.ceil((1 - replay.unseen) * found.lengths)
-    nothing = Replay(robot, checked(own, robot, "the source's transitions"), replay.settle, replay.worst)
-    trust = trust_in(nothing, replay)
-    whole, fitted, nothing = (Replay(robot, one, replay.settle, replay.worst, trust) for one in (found, found.part(~unseen), nothing.episodes))
-    options = hypotheses(robot, fitted.episodes, replay)
+    replay, parts = settings.replay, parted(robot, target, own, settings.replay)
+    options = hypotheses(robot, parts.fitted.episodes, replay)
     if progress:
         progress.stage("fitting models", 0)
     with Workers(jobs) as workers:
-        search = Search(fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, nothing)
-        test = compared(fitted, nothing, options, search.few, workers, settings)
+        search = Search(parts.fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, parts.own)
+        test = compared(parts.fitted, parts.own, options, search.few, workers, settings)
         answer = search.answer() if test.is_mismatch else search.nothing()
-    result = concluded(whole, unseen, answer, test, settings, clock)
+    result = concluded(parts.whole, parts.unseen, answer, test, settings, clock)
     return Unmasked(result, answer.chosen.effects if result.effects else ())
 
 
