@@ -73,7 +73,7 @@ def table(out: Annotated[Path, typer.Option(help="Where the answers are.")] = Pa
 def changed(settings: DiagnosisSettings) -> Iterator[tuple[str, str, float, DiagnosisSettings]]:
     """Stage, constant and factor, and the settings with that one changed; numbers of things stay whole and at least 1."""
     for stage in dataclasses.fields(settings):
-        if stage.name == "replay":  # of transitions: recordings know nothing of them
+        if stage.name in ("replay", "free"):  # of transitions and of free bodies: recordings of mechanisms know nothing of them
             continue
         group = getattr(settings, stage.name)
         for constant in dataclasses.fields(group):
