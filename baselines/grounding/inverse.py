@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from mpge_bench.baselines.policy import Array
 from mpge_bench.envs import RobotEnv
+
+if TYPE_CHECKING:  # how pairs differ is asked without torch
+    from mpge_bench.baselines.policy import Array
 
 #: Distance, in spreads of the state's change, below which two next states count as the same.
 REACHED = 1e-6

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mpge_bench.baselines.policy import Array
 from mpge_bench.envs import Task
 from mpge_bench.envs.robots import Robot
+
+if TYPE_CHECKING:  # how pairs differ is asked without torch
+    from mpge_bench.baselines.policy import Array
 
 #: Memory of effects with a hidden state (delay, lag, play) that is brought to life before the target's step, s.
 _MEMORY = 0.5

@@ -41,7 +41,6 @@ from mpge_bench.harness.metrics import (
     transition_error,
 )
 from mpge_bench.harness.references import References, probe, references
-from mpge_bench.harness.residuals import draw_residuals
 from mpge_bench.harness.result import SCHEMA, normalized_return, read_result
 from mpge_bench.provenance import commit
 
@@ -200,6 +199,8 @@ def run(
             pd.DataFrame(result.episodes, columns=["samples", "return"]).to_parquet(partial / "episodes.parquet")
         if result.residuals is not None:
             result.residuals.to_parquet(partial / "residuals.parquet")
+            from mpge_bench.harness.residuals import draw_residuals  # a second of matplotlib, for one method
+
             draw_residuals(result.residuals, task.robot, partial / "residuals.png")
         save_file(_weights(policy), partial / "policy.safetensors")
         written = json.dumps(data, indent=1, default=_plain)

@@ -202,6 +202,10 @@ def test_tasks_for_programs(tmp_path):
     assert entries["broken_hopper"]["effects"] == [{"effect": "torque_gain", "target": "thigh_joint", "gain": 0.0}]
 
 
+def test_pairs_are_listed_without_waiting_for_torch():
+    assert subprocess.run([sys.executable, "-c", "import sys, mpge_bench.cli, mpge_bench.pairs; sys.exit('torch' in sys.modules)"]).returncode == 0
+
+
 def test_a_pairs_page(in_process):
     code, out, _ = in_process("tasks", "broken_hopper")
     assert code == 0
