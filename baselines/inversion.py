@@ -157,22 +157,44 @@ class Inversion(Method):
     def train(self, problem: Problem, settings: InversionSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         rollouts = problem.rollouts.widened(settings.rollout_std)
-        target = problem.demonstrations(rollouts)
-        taken = np.unique(np.linspace(0, len(target) - 1, settings.transitions).astype(int)) if len(target) > settings.transitions else np.arange(len(target))
-        target = Transitions(target.observations[taken], target.actions[taken], target.next_observations[taken])
-        own = problem.measured(problem.source_transitions(rollouts, settings.own_transitions, seed))
-        progress.stage("inversion", settings.passes * (len(target) + len(own)))
-        itself, source = _Source(problem, own), _Source(problem, target)
-        own_answers, answers = itself.invert(settings.passes, progress), source.invert(settings.passes, progress)
-        fitter = _Fitter(target, answers.calibrated(own.actions, own_answers, source.limit), settings, source.limit, seed)
-        chosen, losses = fitter.choose()
-        grounding = fitter.fit(chosen)
-        residuals = source.residuals(answers.actions, source.scale)
-        report = _report(problem.robot, residuals, itself.residuals(own_answers.actions, source.scale))
-        report |= {"capacity": chosen, "held_out_loss": losses}
-        steps = itself.solver.steps + source.solver.steps
-        result = train_grounded(problem, {steps: grounding}, steps, settings.agent, seed, progress, log_dir, begun, jobs)
-        return replace(result, report=report, residuals=residuals)
+        found = invert(problem, problem.demonstrations(rollouts), settings, seed, progress)
+        result = train_grounded(problem, {found.steps: found.grounding}, found.steps, settings.agent, seed, progress, log_dir, begun, jobs)
+        return replace(result, report=found.report, residuals=found.residuals)
+
+
+@dataclass(frozen=True)
+class Grounded:
+    """What inversion makes of target transitions.
+
+    Attributes:
+        grounding: the ensemble.
+        capacity: that cross-validation chose: ``none`` (ã = a), ``linear``, ``networks``.
+        report, residuals: as `Inversion` has them.
+        steps: control steps of the source that it took.
+    """
+
+    grounding: FittedTransformation
+    capacity: str
+    report: dict[str, Any]
+    residuals: pd.DataFrame
+    steps: int
+
+
+def invert(problem: Problem, target: Transitions, settings: InversionSettings, seed: int, progress: Progress) -> Grounded:
+    """The action transformation under which the source of `problem` does what the `target` transitions show, as far as it can."""
+    taken = np.unique(np.linspace(0, len(target) - 1, settings.transitions).astype(int)) if len(target) > settings.transitions else np.arange(len(target))
+    target = Transitions(target.observations[taken], target.actions[taken], target.next_observations[taken])
+    own = problem.measured(problem.source_transitions(problem.rollouts.widened(settings.rollout_std), settings.own_transitions, seed))
+    progress.stage("inversion", settings.passes * (len(target) + len(own)))
+    itself, source = _Source(problem, own), _Source(problem, target)
+    own_answers, answers = itself.invert(settings.passes, progress), source.invert(settings.passes, progress)
+    fitter = _Fitter(target, answers.calibrated(own.actions, own_answers, source.limit), settings, source.limit, seed)
+    chosen, losses = fitter.choose()
+    grounding = fitter.fit(chosen)
+    residuals = source.residuals(answers.actions, source.scale)
+    report = _report(problem.robot, residuals, itself.residuals(own_answers.actions, source.scale))
+    report |= {"capacity": chosen, "held_out_loss": losses}
+    return Grounded(grounding, chosen, report, residuals, itself.solver.steps + source.solver.steps)
 
 
 class _Source:

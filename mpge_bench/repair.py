@@ -12,10 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from mpge_bench.baselines.agent import AgentAlone, AgentSettings, train_transfer
+from mpge_bench.baselines.agent import AgentSettings, train_transfer
+from mpge_bench.baselines.inversion import InversionSettings, invert
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
+from mpge_bench.baselines.vector import Transformation
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.at_once import at_once
@@ -24,15 +26,24 @@ from mpge_bench.diagnosis.transitions.pipeline import parted, unmask
 from mpge_bench.envs import RobotEnv
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.errors import UserError
-from mpge_bench.unmask import drawn_of
+from mpge_bench.unmask import episodes_of, own_of
 
 #: What changing the source's physics by target transitions takes.
 _ACCESS = frozenset({"transitions", "resets", "physics", "noise"})
+#: Verdicts that leave something for an action transformation.
+_LEFT_OVER = ("partly_explained", "unexplained")
+
+
+def _repaired(problem: Problem, effects: Sequence[Effect]) -> Problem:
+    """`problem` whose source has `effects`."""
+    found = copy.copy(problem)
+    found.source = functools.partial(RobotEnv, problem.robot, tuple(effects))
+    return found
 
 
 def _learnt_in(
-    effects: Sequence[Effect],
-    problem: Problem,
+    repaired: Problem,
+    transformation: Transformation | None,
     agent: AgentSettings,
     seed: int,
     progress: Progress,
@@ -40,36 +51,42 @@ def _learnt_in(
     jobs: int,
     begun: float,
     report: dict[str, Any],
+    grounding_steps: int = 0,
 ) -> Result:
-    """The result of learning in the source with `effects`, which were found since `begun` (time.monotonic())."""
-    repaired, grounded = copy.copy(problem), time.monotonic()
-    repaired.source = functools.partial(RobotEnv, problem.robot, tuple(effects))
-    policy, steps = train_transfer(repaired, None, agent, seed, progress, log_dir / "agent", jobs, "agent in the repaired source")
+    """The result of learning in a `repaired` source, found since `begun` (time.monotonic()), under a `transformation` of actions."""
+    grounded = time.monotonic()
+    policy, steps = train_transfer(repaired, transformation, agent, seed, progress, log_dir / "agent", jobs, "agent in the repaired source")
     seconds = {"grounding": grounded - begun, "agent": time.monotonic() - grounded}
-    return Result(policy, steps={"grounding": 0, "agent": steps}, seconds=seconds, report=report)
+    return Result(policy, steps={"grounding": grounding_steps, "agent": steps}, seconds=seconds, report=report)
 
 
 class Repair(Method):
     """Says by `diagnose --task` what the source lacks, puts it in, and learns there what all methods learn in their grounded sources.
 
-    It changes the simulator's physics, which black-box methods may not. What no physics of the catalogue explains is left as it is. ``report`` holds the
-    verdict, the effects with their intervals and the held-out errors.
+    It changes the simulator's physics, which black-box methods may not. Where no physics of the catalogue explains all, the repaired source is inverted as
+    `Inversion` does, and cross-validation chooses whether an action transformation upon it does better than none. ``report`` holds the verdict, the effects
+    with their intervals, the held-out errors, and what was put upon the repair.
     """
 
-    summary = "diagnoses what physics the source lacks, puts it in, and learns there (ours)"
+    summary = "diagnoses what physics the source lacks, puts it in, and learns there; what it cannot name becomes an action transformation (ours)"
     citation = "mpge_bench"
     access = _ACCESS
-    settings = AgentAlone
+    settings = InversionSettings
     preset = "diagnose"
 
-    def train(self, problem: Problem, settings: AgentAlone, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
-        begun = time.monotonic()
+    def train(self, problem: Problem, settings: InversionSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
+        begun, policies = time.monotonic(), problem.rollouts.widened(settings.rollout_std)
+        target = problem.demonstrations(policies)
         # No time budget: what is found must not depend on how fast the machine is.
-        found = unmask(problem.robot, *drawn_of(problem, seed), jobs=jobs, progress=progress)
-        said = found.result.to_json()
-        report = {key: said[key] for key in ("effects", "p_value", "fit", "indistinguishable")} | {"found": said["verdict"]}
+        found = unmask(problem.robot, episodes_of(target), own_of(problem, policies, seed), jobs=jobs, progress=progress)
+        repaired, said = _repaired(problem, found.effects), found.result.to_json()
+        report = {key: said[key] for key in ("effects", "p_value", "fit", "indistinguishable")} | {"found": said["verdict"], "upon": None}
         report["verdict"] = " ".join(found.result.summary)
-        return _learnt_in(found.effects, problem, settings.agent, seed, progress, log_dir, jobs, begun, report)
+        upon = invert(repaired, target, settings, seed, progress) if said["verdict"] in _LEFT_OVER else None
+        if upon is None or upon.capacity == "none":
+            return _learnt_in(repaired, None, settings.agent, seed, progress, log_dir, jobs, begun, report)
+        report |= {"upon": upon.report, "verdict": f"{report['verdict']} Upon that: {upon.report['verdict']}"}
+        return _learnt_in(repaired, upon.grounding, settings.agent, seed, progress, log_dir, jobs, begun, report, upon.steps)
 
 
 @dataclass(frozen=True)
@@ -110,8 +127,8 @@ class Identification(Method):
     preset = "sysid"
 
     def train(self, problem: Problem, settings: IdentificationSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
-        begun, replay = time.monotonic(), DEFAULT.replay
-        parts = parted(problem.robot, *drawn_of(problem, seed), replay)
+        begun, replay, target = time.monotonic(), DEFAULT.replay, problem.demonstrations(problem.rollouts)
+        parts = parted(problem.robot, episodes_of(target), own_of(problem, problem.rollouts, seed), replay)
         options = [one for one in hypotheses(problem.robot, parts.fitted.episodes, replay) if one.kind.name in settings.effects]
         progress.stage("fitting all parameters", settings.starts)
         with Workers(min(jobs, settings.starts)) as workers:
@@ -131,4 +148,4 @@ class Identification(Method):
             "verdict": f"{found.model.size} parameters fitted, {'converged' if found.converged else 'NOT converged'}: on unseen transitions {after:.3g} step "
             f"spreads are missed instead of {before:.3g} (median).",
         }
-        return _learnt_in(found.model.effects, problem, settings.agent, seed, progress, log_dir, jobs, begun, report)
+        return _learnt_in(_repaired(problem, found.model.effects), None, settings.agent, seed, progress, log_dir, jobs, begun, report)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mpge_bench import policies
+from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.problem import Problem, Transitions, merge, with_noise
 from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.envs import RobotEnv, Task
@@ -26,29 +27,26 @@ def drawn(task: Task, samples: int, noise: float, seed: int, folder: Path = poli
         known = policies.load_set(task, "source", folder)
     except UserError:
         return _at_random(task, samples, noise, seed)
-    return drawn_of(Problem(task, known, samples, seed, noise), seed)
+    problem = Problem(task, known, samples, seed, noise)
+    return episodes_of(problem.demonstrations(known)), own_of(problem, known, seed)
 
 
-def drawn_of(problem: Problem, seed: int) -> tuple[Episodes, Episodes]:
-    """All target transitions that `problem` has to give, and as many of its source, drawn by the same policies and measured alike.
-
-    Raises:
-        UserError: if there are fewer than policies.
-    """
-    target = problem.demonstrations(problem.rollouts)
-    return _episodes(target), _episodes(problem.measured(problem.source_transitions(problem.rollouts, problem.budget, seed)))
+def own_of(problem: Problem, policies: PolicySet, seed: int) -> Episodes:
+    """As many transitions of the source of `problem` as there are of its target, drawn by the same policies and measured alike."""
+    return episodes_of(problem.measured(problem.source_transitions(policies, problem.budget, seed)))
 
 
-def _episodes(found: Transitions) -> Episodes:
+def episodes_of(found: Transitions) -> Episodes:
+    """The same for the diagnosis."""
     return Episodes(found.observations, found.actions, found.next_observations)
 
 
 def _at_random(task: Task, samples: int, noise: float, seed: int) -> tuple[Episodes, Episodes]:
     target, source = (_roll_out(make(), samples, seed + index) for index, make in enumerate((task.target, task.source)))
     if not noise:
-        return _episodes(target), _episodes(source)
+        return episodes_of(target), episodes_of(source)
     spread = noise * target.observations.std(0)
-    return _episodes(with_noise(target, spread, seed)), _episodes(with_noise(source, spread, seed + 1))
+    return episodes_of(with_noise(target, spread, seed)), episodes_of(with_noise(source, spread, seed + 1))
 
 
 def _roll_out(env: RobotEnv, samples: int, seed: int) -> Transitions:

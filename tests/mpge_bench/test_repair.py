@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from mpge_bench import repair
+from mpge_bench.diagnosis.transitions.pipeline import Unmasked
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, run
 
@@ -17,6 +21,26 @@ def test_the_agent_learns_in_the_source_with_what_was_found(tmp_path: Path) -> N
     assert "adds a constant 150 N m" in result["report"]["verdict"]
     assert result["target_samples"] == 150
     assert "physics" in result["access"]
+    assert result["report"]["upon"] is None
+
+
+def test_what_has_no_name_becomes_an_action_transformation_upon_the_repair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if the catalogue knew the pendulum's limit and no bias."""
+    whole = repair.unmask
+
+    def limited(*episodes: Any, **options: Any) -> Unmasked:
+        found = whole(*episodes, **options)
+        assert found.result.verdict == "explained"
+        known = tuple(one for one in found.effects if one.name == "torque_limit")
+        return Unmasked(dataclasses.replace(found.result, verdict="partly_explained"), known)
+
+    monkeypatch.setattr(repair, "unmask", limited)
+    result = run(RunSettings("biased_pendulum", "diagnose", 150, "smoke", overrides=("transitions=150", "own_transitions=50")), tmp_path)
+    upon = result["report"]["upon"]
+    assert upon["capacity"] == "linear"
+    assert upon["distance_after"] < 0.05 * upon["distance_before"]
+    assert "Upon that: The mismatch is an action transformation" in result["report"]["verdict"]
+    assert result["simulator_steps"]["grounding"] > 0
 
 
 def test_system_identification_fits_everything_and_learns_there(tmp_path: Path) -> None:
