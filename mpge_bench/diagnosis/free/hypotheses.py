@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.free.motion import Motion
 from mpge_bench.diagnosis.free.simulator import Simulator
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, listed, moved_links
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, Scales, listed, moved_links
 from mpge_bench.envs.effects import CATALOGUE, Scale
 
 Array = npt.NDArray[np.float64]
@@ -29,8 +29,8 @@ def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: S
     return [replace(one, absent=tuple(rig.absent(one.starts[:1]))) if rig.own(one.starts[0]) else one for one in found]
 
 
-def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> dict[str, Scale]:
-    """How large things are at each joint and link, on all links (``"*"``) and all over the ``"world"``."""
+def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> Scales:
+    """How large things are."""
     rig, world = simulator.rig, simulator.world(())
     layout, model = rig.layout, rig.changed()
     states = np.concatenate([one.state for one in motions])
@@ -66,14 +66,15 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
             rotor=rig.robot.armature.get(joint, 0.0) if rig.robot else 0.0,
             servo_period=simulator.period if rig.robot and rig.robot.servos else servo.servo_period if servo else 0.0,
         )
+    links: dict[str, Scale] = {}
     for link in moved_links(model):
         mass, centre, _ = model.inertial(link)
         length = max(float(np.linalg.norm(centre)), settings.least_length if rig.joints else size)
         rubs, bounces = (model.friction(link), model.restitution(link)) if link in touching else (0.0, 0.0)
         weight = max(mass * pull * length, settings.least_motion)
-        found[link] = replace(plain, mass=mass, length=length, torque=weight, friction=rubs, restitution=bounces)
-    touched = next((one for one in found.values() if one.friction), plain)
-    return found | {"*": touched, "world": replace(touched, length=size)}
+        links[link] = replace(plain, mass=mass, length=length, torque=weight, friction=rubs, restitution=bounces)
+    touched = next((one for one in links.values() if one.friction), plain)
+    return Scales(found, links | {"*": touched}, replace(touched, length=size))
 
 
 def _rms(values: Array) -> float:

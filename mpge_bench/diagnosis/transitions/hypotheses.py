@@ -74,6 +74,19 @@ class Hypothesis:
         return [replace(one, target=target) for target in self.targets]
 
 
+@dataclass(frozen=True)
+class Scales:
+    """How large things are at each joint, at each link (``"*"``: all of them) and all over the world; a joint and a link may have one name."""
+
+    joints: Mapping[str, Scale]
+    links: Mapping[str, Scale]
+    world: Scale
+
+    def of(self, on: str, target: str) -> Scale:
+        """That of what an effect that acts `on` such things acts on."""
+        return self.world if on == "world" else self.links[target] if on == "link" else self.joints[target]
+
+
 def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """As they act, from the command to the joint."""
     return tuple(sorted(effects, key=lambda one: one.place))
@@ -86,13 +99,12 @@ def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> li
 
 
 def listed(
-    kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Mapping[str, Scale]
+    kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Scales
 ) -> list[Hypothesis]:
     """Effects of these kinds on each thing that they could act on, and on all its like.
 
     Args:
         driven: joints with a motor.
-        scales: how large things are at each joint and link, and, where it is known, all over the ``"world"``.
     """
     found = []
     for kind in kinds:
@@ -104,10 +116,10 @@ def listed(
         if kind.on == "link" and len(links) > 1:
             groups["link"].append(("*",) if kind.takes_all else tuple(links))
         for targets in groups.get(kind.on, [("world",)]):
-            first = targets[0] if targets[0] in scales else joints[0] if targets[0] == "world" else links[0]
-            starts = tuple(dict.fromkeys(kind(targets[0], **start) for start in kind.starts(scales[first])))
+            scale = scales.of(kind.on, targets[0])
+            starts = tuple(dict.fromkeys(kind(targets[0], **start) for start in kind.starts(scale)))
             if starts:
-                absent = kind.absent(scales[first])
+                absent = kind.absent(scale)
                 found.append(Hypothesis(targets, starts, None if absent is None else tuple(absent)))
     return found
 
@@ -122,8 +134,8 @@ def moved_links(model: Model) -> tuple[str, ...]:
     return tuple(link for link in model.moving_links() if model.inertial(link)[0] > 0)
 
 
-def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySettings) -> dict[str, Scale]:
-    """How large things are at each joint and link."""
+def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySettings) -> Scales:
+    """How large things are."""
     _, world = environment(robot, ())
     layout = world.layout
     states = np.array([layout.state(*robot.state(one)) for one in episodes.observations])
@@ -156,12 +168,13 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
             rotor=robot.armature.get(joint, 0.0),
             servo_period=robot.dt if robot.servos else 0.0,
         )
+    touched: dict[str, Scale] = {}
     for link in model.moving_links():
         mass, centre, _ = model.inertial(link)
         carriers = [joint for joint in model.carriers(link) if joint in found]
         own_joint = found[carriers[0] if carriers else robot.joints[0]]
         size = max(float(np.linalg.norm(centre)), settings.least_length)
-        found[link] = replace(own_joint, mass=mass, length=size, friction=model.friction(link) if link in touching else 0.0)
-    first_touching = [found[link].friction for link in moved_links(model) if found[link].friction]
-    found["*"] = replace(found[moved_links(model)[0]], friction=first_touching[0] if first_touching else 0.0)
-    return found
+        touched[link] = replace(own_joint, mass=mass, length=size, friction=model.friction(link) if link in touching else 0.0)
+    first_touching = [touched[link].friction for link in moved_links(model) if touched[link].friction]
+    touched["*"] = replace(touched[moved_links(model)[0]], friction=first_touching[0] if first_touching else 0.0)
+    return Scales(found, touched, found[next(iter(robot.actuators))])

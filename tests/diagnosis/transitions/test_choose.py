@@ -18,11 +18,11 @@ from mpge_bench.diagnosis.transitions import pipeline
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
 from mpge_bench.diagnosis.transitions.fit import standard_errors
-from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.hypotheses import Scales, hypotheses, listed
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs import Task, get_task
-from mpge_bench.envs.effects import AttachedMass, Effect, TorqueGain
+from mpge_bench.envs.effects import CATALOGUE, AttachedMass, Effect, Scale, TorqueGain
 from mpge_bench.unmask import drawn
 
 #: Fewer rows, so that tests take seconds.
@@ -179,3 +179,13 @@ def test_transitions_of_ones_own_are_taken(tmp_path: Path) -> None:
 def test_either_a_rig_or_a_task_is_given(given: list[str]) -> None:
     result = CliRunner().invoke(app, ["diagnose", *given])
     assert "diagnose takes either --rig and --recording, or --task" in str(result.exception)
+
+
+def test_a_joint_and_a_link_of_one_name_are_two_things() -> None:
+    """Effects on either start from sizes of their own."""
+    plain = Scale(1.0, 2.0, 1.0, 3.0, 0.5, 0.1, 1.0, 0.2, 0.01, 5.0, (0.0, 0.0, -9.81))
+    scales = Scales({"hip": plain}, {"hip": dataclasses.replace(plain, torque=1e-3, top_speed=1e-3, mass=7.0)}, plain)
+    alone, clashing = ({one.key: one.starts for one in listed(CATALOGUE.values(), ["hip"], ["hip"], links, scales)} for links in ((), ("hip",)))
+    assert alone
+    assert all(clashing[key] == starts for key, starts in alone.items())
+    assert {key for key in clashing if key not in alone} >= {("mass_scale", ("hip",)), ("payload", ("hip",))}
