@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.score import is_better, is_idle
+from mpge_bench.diagnosis.choose.score import idle, is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.noise import with_noise_of
@@ -75,7 +75,7 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
     rest = [[effect for effect in model.effects if effect.target != one.target or effect.name not in one.kind.contains] for one in ranked]
     fits: list[Fit] = trials.each(_grown, (fitter,), list(zip(rest, ranked, strict=True)))
-    fits = sorted((one for one in fits if not is_idle(problem, fitter, one.effects)), key=lambda one: fitter.chi_square(one.cost, slice(None)))
+    fits = sorted((one for one in fits if not any(idle(problem, fitter, one.effects))), key=lambda one: fitter.chi_square(one.cost, slice(None)))
     return [trials.fitted(draft) for draft in trials.each(drafted, (fitter,), fits[: tried // 2])]
 
 
@@ -85,12 +85,24 @@ def _polished(trials: Trials, drafts: list[Model], depth: int) -> Beam:
     # Where one model is near, one that is far off cannot catch up.
     hopeless = settings.hopeless[min(depth, 1)] * drafts[0].overall
     pairs = trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
-    pairs = sorted((pair for pair in pairs if not is_idle(trials.problem, pair[1], pair[0].effects)), key=lambda pair: pair[0].overall)
+    pairs = sorted(_without_idle(trials, pairs), key=lambda pair: pair[0].overall)
     if pairs:
         pairs[0] = trials.converged(*pairs[0])
     for model, _ in pairs:
         trials.add(model)
     return sorted(pairs, key=lambda pair: pair[0].validation)
+
+
+def _without_idle(trials: Trials, pairs: Beam) -> Beam:
+    """`pairs` of which no effect is idle: where one that was there before is, now that another has come, the model is fitted without it."""
+    found, fewer = [], []
+    for model, fitter in pairs:
+        useless = list(idle(trials.problem, fitter, model.effects))
+        if not useless:
+            found.append((model, fitter))
+        elif model.effects[-1] not in useless:
+            fewer.append([effect for effect in model.effects if effect not in useless])
+    return [*found, *(pair for pair in trials.polished(fewer) if not any(idle(trials.problem, pair[1], pair[0].effects)))]
 
 
 def _renew_noise(trials: Trials, model: Model) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -46,8 +46,8 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     return share > errors * error and min(gain(simple, rich, every)[0], told) > least
 
 
-def is_idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> bool:
-    """Whether one of `effects` has parameters that mean nothing, or does next to nothing beside the others.
+def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> Iterator[Effect]:
+    """Those of `effects` that have parameters that mean nothing, or do next to nothing beside the others.
 
     That is, what it changes of the joints' torques or the sensors' readings is small, and so is what is missed the more without it. Of an effect that
     contains a plainer one only what goes beyond that counts.
@@ -55,7 +55,8 @@ def is_idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -
     settings, predictor = problem.settings.choose, fitter.predictor
     for effect in effects:
         if not effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)]):
-            return True
+            yield effect
+            continue
         others: Sequence[Effect] = [other for other in effects if other is not effect]
         if effect.on == "sensor":
             misread = predictor.sensed(effects) - predictor.sensed(others)
@@ -64,8 +65,7 @@ def is_idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -
             added, others = _beyond_plainer(predictor, effect, effects, others)
             small = np.sqrt(np.mean(added**2, (0, 1))) < settings.slight * problem.torque
         if small.all() and fitter.chi_square_of(others) < settings.decisive * fitter.chi_square_of(effects):
-            return True
-    return False
+            yield effect
 
 
 def _beyond_plainer(predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect], others: Sequence[Effect]) -> tuple[Array, Sequence[Effect]]:

@@ -1,0 +1,49 @@
+"""Growing models."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.choose.beam import _without_idle
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.checks import measurements
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import InertiaScale, Payload
+
+from ..conftest import record
+
+HIDDEN = Payload("lower", 0.1, 0.3)
+
+
+@pytest.fixture(scope="module")
+def trials(rig: Rig) -> Trials:
+    """Of recordings of the arm with a load."""
+    rng = np.random.default_rng(0)
+    exact = [record(rig, [HIDDEN], seconds=4.0, seed=seed) for seed in range(4)]
+    noisy = [replace(one, q=one.q + rng.normal(0, 1e-4, one.q.shape), dq=one.dq + rng.normal(0, 1e-3, one.dq.shape)) for one in exact]
+    measured = measurements(rig, noisy, DEFAULT)
+    posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
+    return Trials(posed, [], nominal(posed), Workers(1), Clock(0.0, math.inf))
+
+
+def test_an_effect_that_another_has_made_needless_goes_and_the_other_stays(trials: Trials) -> None:
+    """A rotational inertia that stood in for a load, and then the load."""
+    pairs = trials.polished([[InertiaScale("lower", 1.2), Payload("lower", 0.08, 0.25)]])
+    assert len(pairs[0][0].effects) == 2
+    ((model, _),) = _without_idle(trials, pairs)
+    (load,) = model.effects
+    assert isinstance(load, Payload)
+    assert (load.mass, load.distance) == pytest.approx((0.1, 0.3), rel=0.02)
+
+
+def test_an_effect_that_adds_nothing_is_not_taken_in(trials: Trials) -> None:
+    assert _without_idle(trials, trials.polished([[HIDDEN, InertiaScale("lower", 1.2)]])) == []
