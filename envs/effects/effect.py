@@ -313,6 +313,11 @@ class Effect:
         return []
 
     @classmethod
+    def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
+        """The same where `plainer`, which it contains, was fitted already: what that found is not to be sought anew."""
+        return []
+
+    @classmethod
     def absent(cls, scale: Scale) -> list[float] | None:
         """The numbers of its parameters at which it changes nothing where things are as `scale` says; None where there are none."""
         found = [parameter.neutral for parameter in cls.parameters.values() for _ in range(parameter.size or 0)]

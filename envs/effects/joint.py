@@ -146,7 +146,15 @@ class StribeckFriction(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"coulomb": 0.1 * scale.torque, "static": 0.2 * scale.torque, "velocity": share * scale.speed} for share in (0.1, 0.3, 0.8)]
+        return cls._starts(0.1 * scale.torque, scale)
+
+    @classmethod
+    def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
+        return cls._starts(plainer.torque, scale) if isinstance(plainer, CoulombFriction) else []
+
+    @staticmethod
+    def _starts(coulomb: float, scale: Scale) -> list[dict[str, Any]]:
+        return [{"coulomb": coulomb, "static": 2 * coulomb, "velocity": share * scale.speed} for share in (0.1, 0.3, 0.8)]
 
     def is_plausible(self, scale: Scale) -> bool:
         # One that rises with speed is viscous friction in disguise; one that falls within next to no speed, or over more than there is, is Coulomb's.

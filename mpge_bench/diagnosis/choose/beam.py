@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from mpge_bench.diagnosis.choose.score import idle, is_better
@@ -11,7 +14,7 @@ from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import drafted, nominal
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, carrier
 from mpge_bench.envs.effects import Effect
 
 Beam = list[tuple[Model, LinearFitter]]
@@ -73,10 +76,19 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
     present = {(plainer, effect.target) for effect in model.effects for plainer in effect.contains}
     ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
-    rest = [[effect for effect in model.effects if effect.target != one.target or effect.name not in one.kind.contains] for one in ranked]
-    fits: list[Fit] = trials.each(_grown, (fitter,), list(zip(rest, ranked, strict=True)))
+    contained = [[effect for effect in model.effects if effect.target == one.target and effect.name in one.kind.contains] for one in ranked]
+    rest = [[effect for effect in model.effects if effect not in within] for within in contained]
+    steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]
+    fits: list[Fit] = trials.each(_grown, (fitter,), steps)
     fits = sorted((one for one in fits if not any(idle(problem, fitter, one.effects))), key=lambda one: fitter.chi_square(one.cost, slice(None)))
     return [trials.fitted(draft) for draft in trials.each(drafted, (fitter,), fits[: tried // 2])]
+
+
+def _beyond(problem: Problem, candidate: Candidate, contained: Sequence[Effect]) -> Candidate:
+    """`candidate` with starts from what effects that it contains were fitted to, if there are such."""
+    scale = problem.scales[carrier(problem.rig, candidate.target)]
+    starts = [candidate.kind(candidate.target, **values) for effect in contained for values in candidate.kind.beyond(effect, scale)]
+    return replace(candidate, starts=tuple(starts), is_sized=True) if starts else candidate
 
 
 def _polished(trials: Trials, drafts: list[Model], depth: int) -> Beam:

@@ -214,7 +214,7 @@ class LinearFitter:
     def grow(self, effects: Sequence[Effect], candidate: Candidate) -> Fit:
         """`effects` and `candidate` fitted, from the start that does best; where that stays far from the noise, from the next best ones, too."""
         starts, settings = candidate.starts, self.settings
-        if candidate.kind.is_bent():
+        if candidate.kind.is_bent() or candidate.is_sized:
             levels = [self.chi_square_of([*effects, start]) for start in starts]
             order = np.argsort(levels, kind="stable")
         else:

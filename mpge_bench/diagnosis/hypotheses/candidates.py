@@ -19,11 +19,16 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be at work, with the parameter values from which its fit starts."""
+    """An effect that may be at work, with the parameter values from which its fit starts.
+
+    Attributes:
+        is_sized: whether the starts are as large as the effect is reckoned to be; else each stands for all that are in proportion to it.
+    """
 
     name: str
     target: str
     starts: tuple[Effect, ...]
+    is_sized: bool = False
 
     @property
     def label(self) -> str:

@@ -22,7 +22,8 @@ VALIDATION = np.arange(10) > 8
 
 def _model(effects: Sequence[Effect], train: float, validation: float) -> Model:
     missed = np.where(VALIDATION, validation, train)
-    return Model(Fit(tuple(effects), np.zeros((10, 5)), np.zeros((0, 10, 5))), train, validation, train, missed, np.ones(10), 0, (), np.zeros(0), 2.6, np.zeros(0))
+    fit = Fit(tuple(effects), np.zeros((10, 5)), np.zeros((0, 10, 5)))
+    return Model(fit, train, validation, train, missed, np.ones(10), 0, (), np.zeros(0), 2.6, np.zeros(0))
 
 
 @pytest.mark.parametrize(("train", "validation", "stays"), [(300.0, 30.0, True), (6.0, 60.0, True), (6.0, 40.0, False)])

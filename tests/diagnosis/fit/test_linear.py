@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.predict.smooth import rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
-from mpge_bench.envs.effects import Armature, Backlash, Delay, Effect, Lag, TorqueGain, TorqueLimit
+from mpge_bench.envs.effects import Armature, Backlash, Delay, Effect, Lag, TorqueGain, TorqueLimit, ViscousFriction
 from mpge_bench.envs.effects.vector import parameters_of
 
 from ..conftest import Made
@@ -23,6 +24,17 @@ def test_a_fit_begins_where_the_effect_acts_and_moves_far_enough(made: Callable[
     _, fitter, found = made(truth)
     fitted = fitter.grow([], next(one for one in found if one.name == truth.name))
     assert parameters_of(fitted.effects[0]) == pytest.approx(parameters_of(truth), rel=0.1)
+
+
+@pytest.mark.parametrize(("sized", "first"), [(False, 2.0), (True, 0.02)])
+def test_starts_that_have_a_size_are_compared_as_they_are(made: Callable[..., Made], monkeypatch: pytest.MonkeyPatch, sized: bool, first: float) -> None:
+    """Of others in proportion to each other the first will do."""
+    _, fitter, _ = made(ViscousFriction("hinge", 0.02))
+    begun: list[Effect] = []
+    fit = fitter.fit
+    monkeypatch.setattr(fitter, "fit", lambda effects, **options: begun.append(effects[0]) or fit(effects, **options))
+    fitter.grow([], Candidate("viscous_friction", "hinge", (ViscousFriction("hinge", 2.0), ViscousFriction("hinge", 0.02)), sized))
+    assert parameters_of(begun[0]) == [first]
 
 
 def test_few_windows_on_which_all_goes_astray_do_not_decide(made: Callable[..., Made]) -> None:
