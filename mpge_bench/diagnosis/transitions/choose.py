@@ -206,8 +206,10 @@ class Search:
         known.update({one.hypothesis.key: one for one in columns})
         left = [known[one.key] for one in hypotheses if one.key in known and one.key not in model.key]
         found = [look(glance, one, settings) for one in left]
-        for kind in dict.fromkeys(one.hypothesis.kind for one in left):
-            several = together(glance, [one for one in left if one.hypothesis.kind is kind and one.hypothesis.is_single], settings)
+        # Several parameters on each of several things say anything.
+        plain = [one for one in left if one.hypothesis.is_single and one.hypothesis.size == 1]
+        for kind in dict.fromkeys(one.hypothesis.kind for one in plain):
+            several = together(glance, [one for one in plain if one.hypothesis.kind is kind], settings)
             found += [several] if several else []
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
         again: list[Look] = self.each(looked_again, (replay, few, self.few, settings), found)  # type: ignore[assignment]
