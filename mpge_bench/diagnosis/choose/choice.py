@@ -113,6 +113,6 @@ def choose(
             again = tested(dealt, options)
             trials.begin(dealt, (again.nominal, again.fitter))
             grow(trials, again.screening)
-        chosen = trials.settled(plainest(trials, with_curves(trials, simplest(trials))))
+        chosen = trials.as_exported(trials.settled(plainest(trials, with_curves(trials, simplest(trials)))))
     models, alike = tuple(trials.models), twins(trials, chosen)
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from mpge_bench.diagnosis.choose.exported import exported_error, validation_reco
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.fit.simulator import polished, unforgiven
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import is_past
@@ -121,6 +121,13 @@ class Trials:
             if moved.max() < self.settings.settled:
                 break
         return model
+
+    def as_exported(self, model: Model) -> Model:
+        """`model` or, where that predicts better in the simulator as it is exported, without nuisances, with parameters that make up for these."""
+        effects = unforgiven(self.problem, model)
+        if not self._exported(effects) < (1 - self.settings.material) * self._exported(model.effects):
+            return model
+        return self.add(replace(model, fit=replace(model.fit, effects=effects)))
 
     def converged(self, model: Model, fitter: LinearFitter) -> tuple[Model, LinearFitter]:
         """`model` fitted anew about its own fit until that no longer helps."""

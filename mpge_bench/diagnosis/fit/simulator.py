@@ -85,6 +85,21 @@ def _derivatives(problem: Problem, fitter: LinearFitter, effects: Sequence[Effec
     return found
 
 
+def unforgiven(problem: Problem, model: Model) -> tuple[Effect, ...]:
+    """The effects of `model` with parameters, within a standard error of its own, that make up for what nuisances explain as far as they can.
+
+    Nuisances are no part of what is exported: a simulator whose coarse step delays a lag predicts best with a shorter one.
+    """
+    fitter = problem.fitter(model.effects)
+    predicted = problem.predictions(fitter.predictor.linear, model.effects, fitter.predictor.first)
+    if predicted is None or not model.fit.size:
+        return model.effects
+    residuals = fitter.predictor.project(fitter.predictor.measured - predicted)
+    step = _least_squares(fitter, model.fit.jacobian, model.effects, residuals)
+    values = values_of(model.effects) + np.clip(step, -model.standard_errors, model.standard_errors)
+    return tuple(rebuild(model.effects, np.clip(values, *limits_of(model.effects))))
+
+
 @dataclass(frozen=True)
 class _Refined:
     """Effects and what they leave in the simulator.
@@ -157,12 +172,15 @@ def _tried(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...], 
 
 def _step(fitter: LinearFitter, jacobian: Array, best: _Refined) -> Array:
     """Changes of the parameters of `best` by least squares, shape (parameters,); what the recordings do not tell stays where it is."""
-    if not len(jacobian):
-        return np.zeros(0)
-    weights = fitter.weights((best.residuals**2).sum(-1))
-    size = sizes_of(best.effects)
+    return _least_squares(fitter, jacobian, best.effects, best.residuals) if len(jacobian) else np.zeros(0)
+
+
+def _least_squares(fitter: LinearFitter, jacobian: Array, effects: Sequence[Effect], residuals: Array) -> Array:
+    """Changes of the parameters of `effects`, shape (parameters,), that explain most of `residuals`."""
+    weights = fitter.weights((residuals**2).sum(-1))
+    size = sizes_of(effects)
     columns = (jacobian * weights)[:, fitter.train].reshape(len(jacobian), -1).T * size
-    return np.asarray(np.linalg.lstsq(columns, (best.residuals * weights)[fitter.train].ravel(), rcond=fitter.settings.rank)[0] * size)
+    return np.asarray(np.linalg.lstsq(columns, (residuals * weights)[fitter.train].ravel(), rcond=fitter.settings.rank)[0] * size)
 
 
 def _stepped(problem: Problem, fitter: LinearFitter, best: _Refined, jacobian: Array) -> tuple[Array, Array]:
