@@ -125,7 +125,7 @@ class Payload(_PointMass):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"mass": 0.1 * scale.mass, "distance": share * scale.length} for share in (0.5, 1.0, 1.8)]
+        return [{"mass": 0.1 * scale.mass, "distance": share * scale.length} for share in (0.5, 1.0, 1.8, 3.0)]
 
     def is_plausible(self, scale: Scale) -> bool:
         return self.mass < 10 * scale.mass and abs(self.distance) < 5 * scale.length

@@ -58,3 +58,15 @@ def test_what_contains_an_effect_that_was_fitted_begins_where_that_ended(trials:
     assert all(isinstance(one, StribeckFriction) and (one.coulomb, one.static) == (0.22, 0.44) for one in found.starts)
     assert [one.velocity for one in found.starts] == [one.velocity for one in known.starts]  # type: ignore[attr-defined]
     assert _beyond(trials.problem, known, [ViscousFriction("elbow", 0.1)]) is known
+
+
+def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:
+    """Sought no farther out than 1.8 times its link's centre of mass, one of 20 g ended as next to nothing on the other side of the joint."""
+    exact = [record(rig, [Payload("lower", 0.02, 0.38)], seconds=4.0, seed=seed) for seed in range(4)]
+    measured = measurements(rig, exact, DEFAULT)
+    posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
+    load = next(one for one in candidates(rig, posed.scales) if one.label == "payload:lower")
+    assert max(one.distance for one in load.starts) > 0.38  # type: ignore[attr-defined]
+    (found,) = posed.fitter().grow([], load).effects
+    assert isinstance(found, Payload)
+    assert (found.mass, found.distance) == pytest.approx((0.02, 0.38), rel=0.1)
