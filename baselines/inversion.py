@@ -18,7 +18,7 @@ from mpge_bench.baselines.grounding.inverse import REACHED, Solver
 from mpge_bench.baselines.grounding.networks import Networks, stretches_of
 from mpge_bench.baselines.grounding.store import beside, part
 from mpge_bench.baselines.method import Method, Result
-from mpge_bench.baselines.policy import Array
+from mpge_bench.baselines.policy import Array, PolicySet
 from mpge_bench.baselines.presets import RolloutSettings
 from mpge_bench.baselines.problem import Problem, Transitions
 from mpge_bench.baselines.progress import Progress
@@ -157,7 +157,7 @@ class Inversion(Method):
     def train(self, problem: Problem, settings: InversionSettings, seed: int, *, progress: Progress, log_dir: Path, jobs: int) -> Result:
         begun = time.monotonic()
         rollouts = problem.rollouts.widened(settings.rollout_std)
-        found = invert(problem, problem.demonstrations(rollouts), settings, seed, progress)
+        found = invert(problem, rollouts, problem.demonstrations(rollouts), settings, seed, progress)
         result = train_grounded(problem, {found.steps: found.grounding}, found.steps, settings.agent, seed, progress, log_dir, begun, jobs)
         return replace(result, report=found.report, residuals=found.residuals)
 
@@ -180,11 +180,11 @@ class Grounded:
     steps: int
 
 
-def invert(problem: Problem, target: Transitions, settings: InversionSettings, seed: int, progress: Progress) -> Grounded:
-    """The action transformation under which the source of `problem` does what the `target` transitions show, as far as it can."""
+def invert(problem: Problem, policies: PolicySet, target: Transitions, settings: InversionSettings, seed: int, progress: Progress) -> Grounded:
+    """The action transformation under which the source of `problem` does what the `target` transitions show, which `policies` drew, as far as it can."""
     taken = np.unique(np.linspace(0, len(target) - 1, settings.transitions).astype(int)) if len(target) > settings.transitions else np.arange(len(target))
     target = Transitions(target.observations[taken], target.actions[taken], target.next_observations[taken])
-    own = problem.measured(problem.source_transitions(problem.rollouts.widened(settings.rollout_std), settings.own_transitions, seed))
+    own = problem.measured(problem.source_transitions(policies, settings.own_transitions, seed))
     progress.stage("inversion", settings.passes * (len(target) + len(own)))
     itself, source = _Source(problem, own), _Source(problem, target)
     own_answers, answers = itself.invert(settings.passes, progress), source.invert(settings.passes, progress)

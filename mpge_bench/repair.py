@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.baselines.agent import AgentSettings, train_transfer
-from mpge_bench.baselines.inversion import InversionSettings, invert
+from mpge_bench.baselines.inversion import Grounded, InversionSettings, invert
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.problem import Problem
 from mpge_bench.baselines.progress import Progress
-from mpge_bench.baselines.vector import Transformation
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.at_once import at_once
@@ -43,7 +42,7 @@ def _repaired(problem: Problem, effects: Sequence[Effect]) -> Problem:
 
 def _learnt_in(
     repaired: Problem,
-    transformation: Transformation | None,
+    upon: Grounded | None,
     agent: AgentSettings,
     seed: int,
     progress: Progress,
@@ -51,13 +50,12 @@ def _learnt_in(
     jobs: int,
     begun: float,
     report: dict[str, Any],
-    grounding_steps: int = 0,
 ) -> Result:
-    """The result of learning in a `repaired` source, found since `begun` (time.monotonic()), under a `transformation` of actions."""
-    grounded = time.monotonic()
+    """The result of learning in a `repaired` source, found since `begun` (time.monotonic()), and an action transformation `upon` it."""
+    grounded, transformation = time.monotonic(), upon.grounding if upon else None
     policy, steps = train_transfer(repaired, transformation, agent, seed, progress, log_dir / "agent", jobs, "agent in the repaired source")
     seconds = {"grounding": grounded - begun, "agent": time.monotonic() - grounded}
-    return Result(policy, steps={"grounding": grounding_steps, "agent": steps}, seconds=seconds, report=report)
+    return Result(policy, steps={"grounding": upon.steps if upon else 0, "agent": steps}, seconds=seconds, report=report)
 
 
 class Repair(Method):
@@ -82,11 +80,12 @@ class Repair(Method):
         repaired, said = _repaired(problem, found.effects), found.result.to_json()
         report = {key: said[key] for key in ("effects", "p_value", "fit", "indistinguishable")} | {"found": said["verdict"], "upon": None}
         report["verdict"] = " ".join(found.result.summary)
-        upon = invert(repaired, target, settings, seed, progress) if said["verdict"] in _LEFT_OVER else None
-        if upon is None or upon.capacity == "none":
-            return _learnt_in(repaired, None, settings.agent, seed, progress, log_dir, jobs, begun, report)
-        report |= {"upon": upon.report, "verdict": f"{report['verdict']} Upon that: {upon.report['verdict']}"}
-        return _learnt_in(repaired, upon.grounding, settings.agent, seed, progress, log_dir, jobs, begun, report, upon.steps)
+        upon = invert(repaired, policies, target, settings, seed, progress) if said["verdict"] in _LEFT_OVER else None
+        if upon and upon.capacity == "none":
+            upon = None
+        if upon:
+            report |= {"upon": upon.report, "verdict": f"{report['verdict']} Upon that: {upon.report['verdict']}"}
+        return _learnt_in(repaired, upon, settings.agent, seed, progress, log_dir, jobs, begun, report)
 
 
 @dataclass(frozen=True)

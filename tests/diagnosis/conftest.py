@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,15 @@ import pandas as pd
 import pytest
 import yaml
 
-from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Problem, problem
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
+from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -64,6 +67,15 @@ def record(rig: Rig, effects: Sequence[Effect] = (), *, seconds: float = 2.0, pe
         world.step(command)
     q, dq = (np.array(values) for values in zip(*read, strict=True))
     return Recording(rig.path.parent / "recording.csv", time, u, q, dq)
+
+
+def posed(rig: Rig, hidden: Effect, *, seconds: float, noise: float = 0.0) -> Problem:
+    """What four recordings of `rig` with a `hidden` effect ask, positions with `noise` (rad), velocities with ten times as much."""
+    rng = np.random.default_rng(0)
+    exact = [record(rig, [hidden], seconds=seconds, seed=seed) for seed in range(4)]
+    noisy = [replace(one, q=one.q + rng.normal(0, noise, one.q.shape), dq=one.dq + rng.normal(0, 10 * noise, one.dq.shape)) for one in exact]
+    measured = measurements(rig, noisy, DEFAULT)
+    return problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
 
 
 def table(recording: Recording, rig: Rig) -> pd.DataFrame:

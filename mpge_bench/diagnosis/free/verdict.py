@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +16,7 @@ from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Predictor
 from mpge_bench.diagnosis.transitions.verdict import bounded, confused, found_of, label_of, rivals, said, verdict_of
 from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Evidence, Place, Trajectory
-from mpge_bench.diagnosis.verdict.words import chance
+from mpge_bench.diagnosis.verdict.words import chance, time_taken
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 
@@ -75,7 +74,7 @@ def concluded(
             "held out": f"{len(unseen)} windows",
             "models fitted": str(len(answer.models)),
             "intervals": "coverage not measured",
-            "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (f", cut short by the time budget: {', '.join(answer.cut)}" if answer.cut else ""),
+            "time taken": time_taken(clock.begun, answer.cut),
         },
         settings=settings,
         evidence=Evidence(trajectories=_trajectories(unseen, recordings, answer.nominal.effects, chosen.effects)),

@@ -11,6 +11,7 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.envs.effects.vector import parameters_of
 
 #: How near to absence, in units of a hypothesis's own start, the first start is: not on a bound, from which no derivative leads away.
 _NEARLY_ABSENT = 0.01
@@ -44,7 +45,7 @@ def at_once(
     known = tuple(one for one in hypotheses if one.absent is not None and one.is_single)
     rows, rng = replay.heads(settings.fitted // replay.entries), np.random.default_rng(seed)
     shares = np.vstack([np.full(len(known), _NEARLY_ABSENT), rng.uniform(-1.0, 1.0, (starts - 1, len(known)))])
-    begins = [[one.towards(share) for one, share in zip(known, own, strict=True)] for own in shares.tolist()]
+    begins = [[one.strided(parameters_of(one.starts[0]), share) for one, share in zip(known, own, strict=True)] for own in shares.tolist()]
     found = workers.each(_converged, (replay, known, rows, rounds, settings), begins)
     best, ended = min(found, key=lambda one: float(one[0].description))
     return Identified(best, tuple(float(model.description) for model, _ in found), ended)

@@ -63,10 +63,10 @@ class Hypothesis:
         low, high = bounds_of(self.starts[0])
         return np.array(low), np.array(high)
 
-    def towards(self, share: float) -> tuple[float, ...]:
-        """Parameters so many times as far from absence as the first start is, within the bounds; of what can be absent only."""
-        absent, first = np.array(self.absent), np.array(parameters_of(self.starts[0]))
-        return tuple(np.clip(absent + share * (first - absent), *self.bounds).tolist())
+    def strided(self, values: Sequence[float], share: float) -> tuple[float, ...]:
+        """Parameters so many times as far from absence as `values` are, within the bounds; of what can be absent only."""
+        absent = np.array(self.absent)
+        return tuple(np.clip(absent + share * (np.array(values) - absent), *self.bounds).tolist())
 
     def effects(self, values: Sequence[float] | Array) -> list[Effect]:
         """One effect a target, with these parameters."""

@@ -90,13 +90,9 @@ def together(model: Model, known: Sequence[Columns], settings: ReplaySettings) -
         taken, shares, left = trial, found, rest
     if len(taken) < 2:
         return None
-    starts = []
-    for place, share in zip(taken, shares, strict=True):
-        low, high = known[place].hypothesis.bounds
-        absent = np.array(known[place].hypothesis.absent)
-        starts.append(tuple(np.clip(absent + share * (np.array(guesses[place][1].values) - absent), low, high).tolist()))
+    starts = tuple(known[place].hypothesis.strided(guesses[place][1].values, share) for place, share in zip(taken, shares.tolist(), strict=True))
     gain = 1 - float(left @ left) / float(own @ own)
-    return Look(tuple(known[place].hypothesis for place in taken), gain, tuple(starts), tuple(guesses[place][0].values for place in taken))
+    return Look(tuple(known[place].hypothesis for place in taken), gain, starts, tuple(guesses[place][0].values for place in taken))
 
 
 @dataclass(frozen=True)
@@ -156,12 +152,7 @@ def _further(look: Look, settings: ReplaySettings) -> list[Values]:
     """Parameters several times as far from absence as `look` proposes: contacts that come sooner or later hide how large a large mismatch is."""
     if any(one.absent is None for one in look.hypotheses):
         return []
-    return [tuple(_strided(*one, stride) for one in zip(look.hypotheses, look.start, strict=True)) for stride in settings.strides]
-
-
-def _strided(hypothesis: Hypothesis, start: tuple[float, ...], stride: float) -> tuple[float, ...]:
-    absent, (low, high) = np.array(hypothesis.absent), hypothesis.bounds
-    return tuple(np.clip(absent + stride * (np.array(start) - absent), low, high).tolist())
+    return [tuple(one.strided(start, stride) for one, start in zip(look.hypotheses, look.start, strict=True)) for stride in settings.strides]
 
 
 def _weights(residuals: Array, settings: ReplaySettings) -> Array:

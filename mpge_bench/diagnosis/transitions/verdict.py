@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -20,7 +19,7 @@ from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.confusions import experiment
 from mpge_bench.diagnosis.verdict.intervals import Intervals, each_bounded
 from mpge_bench.diagnosis.verdict.result import Accuracy, Confusion, DiagnosisResult, Errors, Estimate, Evidence, FoundEffect, Place, Rival, Trajectory
-from mpge_bench.diagnosis.verdict.words import chance
+from mpge_bench.diagnosis.verdict.words import chance, time_taken
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -72,7 +71,7 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
             "held out": f"{int(unseen.sum())} transitions, the last ones of each episode",
             "models fitted": str(len(answer.models)),
             "intervals": "coverage not measured",
-            "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (f", cut short by the time budget: {', '.join(answer.cut)}" if answer.cut else ""),
+            "time taken": time_taken(clock.begun, answer.cut),
         },
         settings=settings,
         evidence=Evidence(trajectories=_trajectories(replay, chosen, unseen, settings)),

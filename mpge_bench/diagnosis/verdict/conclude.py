@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 from mpge_bench.diagnosis.choose.choice import Choice
@@ -19,7 +18,7 @@ from mpge_bench.diagnosis.verdict.enough import more_data
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult, Evidence
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
-from mpge_bench.diagnosis.verdict.words import chance, checks, summary
+from mpge_bench.diagnosis.verdict.words import chance, checks, summary, time_taken
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
 
@@ -102,7 +101,7 @@ def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
         "held out": cut + ", ".join(one.path.name for one in parts.unseen),
         "fitted to": fitted,
         "chosen by": chosen_by,
-        "time taken": f"{time.monotonic() - clock.begun:.0f} s" + (", cut short by the time budget: " + ", ".join(choice.cut) if choice.cut else ""),
+        "time taken": time_taken(clock.begun, choice.cut),
         "models fitted": str(len(choice.models)),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -14,6 +15,11 @@ from mpge_bench.diagnosis.settings import VerdictSettings
 from mpge_bench.diagnosis.verdict.intervals import Intervals
 from mpge_bench.diagnosis.verdict.result import Accuracy, MoreData, Place, Rival
 from mpge_bench.envs.effects import Effect
+
+
+def time_taken(begun: float, cut: Sequence[str]) -> str:
+    """How long a diagnosis that began at `begun` (time.monotonic()) took, and which stages the time budget `cut` short."""
+    return f"{time.monotonic() - begun:.0f} s" + (f", cut short by the time budget: {', '.join(cut)}" if cut else "")
 
 
 def summary(

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose.beam import _beyond, _without_idle
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.data.checks import measurements
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import CoulombFriction, InertiaScale, Payload, StribeckFriction, ViscousFriction
 
-from ..conftest import record
+from ..conftest import posed
 
 HIDDEN = Payload("lower", 0.1, 0.3)
 
@@ -28,12 +22,8 @@ HIDDEN = Payload("lower", 0.1, 0.3)
 @pytest.fixture(scope="module")
 def trials(rig: Rig) -> Trials:
     """Of recordings of the arm with a load."""
-    rng = np.random.default_rng(0)
-    exact = [record(rig, [HIDDEN], seconds=4.0, seed=seed) for seed in range(4)]
-    noisy = [replace(one, q=one.q + rng.normal(0, 1e-4, one.q.shape), dq=one.dq + rng.normal(0, 1e-3, one.dq.shape)) for one in exact]
-    measured = measurements(rig, noisy, DEFAULT)
-    posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
-    return Trials(posed, [], nominal(posed), Workers(1), Clock(0.0, math.inf))
+    asked = posed(rig, HIDDEN, seconds=4.0, noise=1e-4)
+    return Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, math.inf))
 
 
 def test_an_effect_that_another_has_made_needless_goes_and_the_other_stays(trials: Trials) -> None:
@@ -62,11 +52,9 @@ def test_what_contains_an_effect_that_was_fitted_begins_where_that_ended(trials:
 
 def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:
     """Sought no farther out than 1.8 times its link's centre of mass, one of 20 g ended as next to nothing on the other side of the joint."""
-    exact = [record(rig, [Payload("lower", 0.02, 0.38)], seconds=4.0, seed=seed) for seed in range(4)]
-    measured = measurements(rig, exact, DEFAULT)
-    posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
-    load = next(one for one in candidates(rig, posed.scales) if one.label == "payload:lower")
+    asked = posed(rig, Payload("lower", 0.02, 0.38), seconds=4.0)
+    load = next(one for one in candidates(rig, asked.scales) if one.label == "payload:lower")
     assert max(one.distance for one in load.starts) > 0.38  # type: ignore[attr-defined]
-    (found,) = posed.fitter().grow([], load).effects
+    (found,) = asked.fitter().grow([], load).effects
     assert isinstance(found, Payload)
     assert (found.mass, found.distance) == pytest.approx((0.02, 0.38), rel=0.1)

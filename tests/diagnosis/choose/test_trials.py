@@ -12,16 +12,14 @@ import pytest
 from mpge_bench.diagnosis.choose import trials
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.data.checks import measurements
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
-from mpge_bench.diagnosis.fit.problem import Model, problem
+from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect, Lag, ViscousFriction
 
-from ..conftest import record
+from ..conftest import posed
 
 
 def _model(damping: float, missed: float = 1.0) -> Model:
@@ -55,12 +53,8 @@ def test_the_answer_is_fitted_until_no_parameter_moves_by_what_its_interval_mean
 
 def test_what_is_exported_makes_up_for_what_nuisances_explained(rig: Rig) -> None:
     """As where a lag's fit left a quarter of a physics step to these; not where that predicts no better."""
-    rng = np.random.default_rng(0)
-    exact = [record(rig, [Lag("elbow", 0.03)], seconds=3.0, seed=seed) for seed in range(4)]
-    noisy = [replace(one, q=one.q + rng.normal(0, 1e-5, one.q.shape), dq=one.dq + rng.normal(0, 1e-4, one.dq.shape)) for one in exact]
-    measured = measurements(rig, noisy, DEFAULT)
-    posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
-    notebook = Trials(posed, [], nominal(posed), Workers(1), Clock(0.0, np.inf))
+    asked = posed(rig, Lag("elbow", 0.03), seconds=3.0, noise=1e-5)
+    notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
     ((model, _),) = notebook.polished([[Lag("elbow", 0.03)]])
     short = replace(model, fit=replace(model.fit, effects=(Lag("elbow", 0.0298),)))
     (found,) = notebook.as_exported(short).effects
