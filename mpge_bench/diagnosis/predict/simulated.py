@@ -74,39 +74,49 @@ class SimulatedWindows:
             q and dq at the wanted rows, shape (windows, wanted, 2 joints); None if the simulation becomes unstable.
         """
         try:
-            return self._rolled(effects, starts, references)
+            found, stopped = self._rolled(effects, starts, references)
         except NotCovered:
-            return self._in_bullet(effects, starts, references)
+            found, stopped = np.empty((*self._rows.shape, 2 * self._rig.layout.nv)), np.ones(len(starts), np.bool_)
+        if stopped.any():
+            slow = self._in_bullet(effects, starts, references, np.flatnonzero(stopped))
+            if slow is None:
+                return None
+            found[stopped] = slow
+        return found if np.isfinite(found).all() else None
 
-    def _rolled(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
-        """As `predict`; raises NotCovered where PyBullet is needed."""
+    def _rolled(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """As `predict`, NaN where it becomes unstable, and in which windows a joint reaches an end stop, of which only PyBullet knows.
+
+        Raises:
+            NotCovered: if an effect has no compiled law.
+        """
         made = mechanism(self._rig, effects)
         chain = self._rig.chain(effects)
         warm = self._warmed(references, warm_up(chain, self._settings.predict)) if made.program.remembers else None
         sensors = [effect for effect in chain if effect.on == "sensor"]
         starts, beside = np.split(starts, [2 * self._rig.layout.nv], axis=1)
-        result = np.empty((*self._rows.shape, starts.shape[1]))
+        result, stopped = np.empty((*self._rows.shape, starts.shape[1])), np.zeros(len(starts), np.bool_)
         for grid in self._grids:
             own = grid.windows
             before = None if warm is None else Warm(warm.u[own], warm.q[own], warm.dq[own], warm.count[own])
             every = max(grid.every, 1)
             shifts = beside[own] if beside.size else None
-            path = made.roll(starts[own], grid.u, every=every, unstable=self._settings.predict.unstable, warm=before, beside=shifts)
-            if not np.isfinite(path).all():
-                return None
+            unstable = self._settings.predict.unstable
+            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts)
             if sensors:
                 path = self._sensed(path, own, sensors, references, every * self._rig.timestep)
             result[own] = _at(path, grid)
-        return result
+        return result, stopped
 
-    def _in_bullet(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
-        """As `predict`, by PyBullet, motor sides where the warm-up leaves them."""
+    def _in_bullet(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array], windows: Indices) -> Array | None:
+        """As `predict`, of `windows` alone, by PyBullet, motor sides where the warm-up leaves them."""
         starts = starts[:, : 2 * self._rig.layout.nv]
-        result = np.empty((*self._rows.shape, starts.shape[1]))
+        result = np.empty((len(windows), self._rows.shape[1], starts.shape[1]))
         try:
             predictor = BulletPredictor(self._rig, effects, self._settings)
-            for window, (r, rows) in enumerate(zip(self._recording, self._rows, strict=True)):
-                result[window] = predictor.run(self._recordings[r], int(rows[0]), rows, starts[window], references[r])
+            for place, window in enumerate(windows):
+                r, rows = self._recording[window], self._rows[window]
+                result[place] = predictor.run(self._recordings[r], int(rows[0]), rows, starts[window], references[r])
         except UserError:
             return None
         return result

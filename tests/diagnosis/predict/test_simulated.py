@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -99,12 +100,23 @@ def test_errors_of_all_stretches_are_those_of_a_prediction_in_pybullet(case: Cas
     assert error_at_once(case.rig, recording, horizon, effects) == pytest.approx(expected, abs=1e-11)
 
 
-def test_windows_that_reach_an_end_stop_are_pybullets(tmp_path: Path) -> None:
+def test_windows_that_reach_an_end_stop_are_pybullets_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One leg of a quadruped that reached a stop in one window made all windows a hundred times slower."""
     path = write_rig(tmp_path)
     limit = '<joint name="elbow" type="revolute"><limit lower="-0.5" upper="0.5" effort="9" velocity="9"/>'
     (tmp_path / "arm.urdf").write_text(ARM.replace('<joint name="elbow" type="continuous">', limit))
     case = Case(read_rig(path))
-    assert case.at_once((), case.recordings) == pytest.approx(case.one_by_one((), case.recordings), abs=1e-12)
+    expected = case.one_by_one([SensorBias("elbow", 0.1)], case.recordings)
+    slow: list[int] = []
+    run = BulletPredictor.run
+
+    def counted(predictor: BulletPredictor, recording: Recording, first: int, *arguments: Any) -> Array:
+        slow.append(first)
+        return run(predictor, recording, first, *arguments)
+
+    monkeypatch.setattr(BulletPredictor, "run", counted)
+    assert case.at_once([SensorBias("elbow", 0.1)], case.recordings) == pytest.approx(expected, abs=1e-11)
+    assert 0 < len(slow) < len(expected)
 
 
 @pytest.mark.parametrize("bodies", [(), (Armature("elbow", 0.01), Gravity("world", (0.0, 1.0, -9.0)))])

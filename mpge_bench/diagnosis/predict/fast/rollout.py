@@ -42,7 +42,23 @@ class Mechanism:
     program: Program
 
     def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None) -> Array:
-        """The motion from each of `start` on.
+        """The motion from each of `start` on; arguments as of `followed`.
+
+        Returns:
+            q and dq at the start and after each row, shape (windows, rows + 1, 2 joints); NaN from where the simulation is unstable.
+
+        Raises:
+            NotCovered: if a joint reaches an end stop.
+        """
+        path, stopped = self.followed(start, u, every=every, unstable=unstable, warm=warm, beside=beside)
+        if stopped.any():
+            raise NotCovered("a joint reaches an end stop")
+        return path
+
+    def followed(
+        self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """The motion from each of `start` on as if there were no end stops, and where one would have been reached.
 
         Args:
             unstable: speed, rad/s or m/s, from which on a simulation counts as unstable.
@@ -52,15 +68,12 @@ class Mechanism:
             beside: how far each motor side is then from where the warm-up leaves it: angles and speeds in turn, shape (windows, 2 motor sides).
 
         Returns:
-            q and dq at the start and after each row, shape (windows, rows + 1, 2 joints); NaN from where the simulation is unstable.
-
-        Raises:
-            NotCovered: if a joint reaches an end stop.
+            The motion, as `roll` has it, and whether a joint reached an end stop, shape (windows,).
         """
         program, n = self.program, len(self.tree)
-        result = np.full((len(start), u.shape[1] + 1, 2 * n), np.nan)
+        result, stopped = np.full((len(start), u.shape[1] + 1, 2 * n), np.nan), np.zeros(len(start), np.bool_)
         before = warm if warm is not None and program.remembers else _cold(n)
-        free = _rolled(
+        _rolled(
             *_numbers(self.tree),
             self.tree.stops,
             program.operations,
@@ -81,10 +94,9 @@ class Mechanism:
             program.motors,
             np.zeros((len(start), 2 * len(program.motors))) if beside is None else np.ascontiguousarray(beside, float),
             result,
+            stopped,
         )
-        if not free:
-            raise NotCovered("a joint reaches an end stop")
-        return result
+        return result, stopped
 
 
 @dataclass(frozen=True)
@@ -205,13 +217,13 @@ def _rolled(
     motors: Indices,
     beside: Array,
     result: Array,
-) -> bool:
-    """Fill `result`; whether no joint reached an end stop."""
+    stopped: npt.NDArray[np.bool_],
+) -> None:
+    """Fill `result`, and mark in `stopped` where a joint reached an end stop."""
     windows, rows, n = u.shape
     room, memory = workspace(n), np.zeros(size)
     q, dq, right, most, spent = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     mass, answer = np.empty((n, n)), np.empty((n, n))
-    free = True
     for window in range(windows):
         memory[:] = 0.0
         q[:], dq[:] = start[window, :n], start[window, n:]
@@ -236,11 +248,10 @@ def _rolled(
                 for joint in range(n):
                     # NaN is below neither.
                     sane = sane and abs(dq[joint]) < unstable
-                    free = free and not (q[joint] < stops[joint, 0] or q[joint] > stops[joint, 1])
+                    stopped[window] = stopped[window] or q[joint] < stops[joint, 0] or q[joint] > stops[joint, 1]
             if not sane or not math.isfinite(q.sum()):
                 break
             result[window, row + 1, :n], result[window, row + 1, n:] = q, dq
-    return free
 
 
 @compiled
