@@ -164,6 +164,8 @@ class Effect:
     title: ClassVar[str] = ""
     #: What it is, said of its target; {parameter} is a parameter's value with its interval.
     sentence: ClassVar[str] = ""
+    #: True where every real joint has more or less of it.
+    everywhere: ClassVar[bool] = False
     #: True where two of them on one target are one with the sums of their parameters.
     adds: ClassVar[bool] = False
     #: Plainer effects that it contains, as Stribeck's friction contains Coulomb's: never beside it.

@@ -57,6 +57,7 @@ class ViscousFriction(Effect):
     sentence = "The {target} has viscous friction of {damping}."
     is_curve = True
     adds = True
+    everywhere = True
     on = "joint"
     parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4)}
     place = 90
@@ -110,6 +111,7 @@ class CoulombFriction(Effect):
     }
     is_curve = True
     adds = True
+    everywhere = True
     on = "joint"
     parameters = {"torque": Parameter("N m", 0.0, 1e4)}
     steady = True
@@ -196,6 +198,7 @@ class Armature(Effect):
         "mass_scale": "hold the joint still at several angles: mass needs holding torque, a rotor does not",
     }
     adds = True
+    everywhere = True
     on = "joint"
     parameters = {"inertia": Parameter("kg m²", 0.0, 1e4)}
     steady = True

@@ -72,6 +72,9 @@ class PredictSettings:
     started: float = _setting(1e-3, "share of its column", "a starting state whose effect on the readings differs by less from the others' takes nothing away")
     refinements: int = _setting(2, "passes", "of reference and noise, each about the other; a third changes next to nothing")
     outermost: float = _setting(99.0, "percent", "of third differences count in the first estimate of the noise: knocks are no noise")
+    rough: float = _setting(
+        3.0, "times", "what third differences say of the noise, which it may be at most: sensors' noise is smoother than that, but models' errors smoother yet"
+    )
     held_third: float = _setting(0.67, "share", "of a single recording that is fitted to; models are chosen by the rest")
     held_recordings: float = _setting(0.25, "share", "of several recordings by which models are chosen, at least one")
     even: float = _setting(0.01, "physics steps", "rows are evenly spaced if none is further off")
@@ -154,6 +157,7 @@ class ChooseSettings:
     coarse: float = _setting(2.0, "times the noise", "what counts as much more than the noise for that")
     errors: float = _setting(2.0, "standard errors", "a gain must be beyond these; near the noise")
     coarse_errors: float = _setting(1.0, "standard errors", "far from the noise, where windows differ too much for two")
+    far: float = _setting(3.0, "times the error that noise makes", "beyond it models are judged by predictions as they will be used, from recorded states")
     touched: float = _setting(0.02, "share of a window's sum of squares", "by which it differs where two models predict it differently")
     few_touched: int = _setting(3, "windows", "with no more than these touched, all windows are taken")
     slight: float = _setting(0.005, "share of the joint's torque", "what two simulators differ in is often mended by tiny stiffness, play or lag: no effect")

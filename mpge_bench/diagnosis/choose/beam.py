@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.score import idle, is_better
+from mpge_bench.diagnosis.choose.everywhere import everywhere
+from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.noise import with_noise_of
@@ -36,16 +37,18 @@ def grow(trials: Trials, screening: Screening) -> None:
             _renew_noise(trials, drafts[0])
         # The noise may just have been estimated anew, and the nominal model with it.
         before = beam[0][0] if depth else trials.nominal
-        grown = _polished(trials, drafts, depth)
+        together = everywhere(trials) if depth == 0 and drafts[0].overall > settings.coarse else None
+        grown = _polished(trials, drafts, depth, [together] if together else [])
         if not grown:
             break
         best = grown[0][0]
         # There is something, so that what no effect does alone two may do together.
-        if depth and not is_better(trials.problem, before, best):
+        if depth and not trials.is_better(before, best):
             break
         # A model far from the noise may still be half of the truth, but not where another has reached it.
-        near = settings.held if best.validation < settings.held else settings.half_truth
-        beam = [pair for pair in grown[: settings.beam] if pair[0].validation < near * best.validation]
+        levels = trials.levels([model for model, _ in grown])
+        near = settings.held if levels[0] < settings.held else settings.half_truth
+        beam = [pair for pair, level in zip(grown[: settings.beam], levels, strict=False) if level < near * levels[0]]
         if trials.cut_short("combining effects"):
             break
         rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
@@ -91,18 +94,19 @@ def _beyond(problem: Problem, candidate: Candidate, contained: Sequence[Effect])
     return replace(candidate, starts=tuple(starts), is_sized=True) if starts else candidate
 
 
-def _polished(trials: Trials, drafts: list[Model], depth: int) -> Beam:
-    """The best drafts fitted to the end, the one that predicts validation recordings best first."""
+def _polished(trials: Trials, drafts: list[Model], depth: int, beside: Beam) -> Beam:
+    """The best drafts fitted to the end, and the models `beside` them, the one that predicts validation recordings best first."""
     settings = trials.settings
     # Where one model is near, one that is far off cannot catch up.
-    hopeless = settings.hopeless[min(depth, 1)] * drafts[0].overall
-    pairs = trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
+    hopeless = settings.hopeless[min(depth, 1)] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
+    pairs = beside + trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
     pairs = sorted(_without_idle(trials, pairs), key=lambda pair: pair[0].overall)
     if pairs:
         pairs[0] = trials.converged(*pairs[0])
     for model, _ in pairs:
         trials.add(model)
-    return sorted(pairs, key=lambda pair: pair[0].validation)
+    levels = trials.levels([model for model, _ in pairs])
+    return [pairs[place] for place in np.argsort(levels, kind="stable")]
 
 
 def _without_idle(trials: Trials, pairs: Beam) -> Beam:

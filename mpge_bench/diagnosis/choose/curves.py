@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.score import gain, is_better
+from mpge_bench.diagnosis.choose.score import gain
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.curves import solved
 from mpge_bench.diagnosis.fit.problem import Model
@@ -30,7 +30,7 @@ def with_curves(trials: Trials, chosen: Model) -> Model:
         if share < settings.coarse_material:
             break
         rich = _fitted(trials, chosen.effects, replace(curve, torque=tuple(torques)))
-        if gain(chosen, rich, problem.validation)[0] < settings.coarse_material or not is_better(problem, chosen, rich) or not trials.no_worse(rich, chosen):
+        if not (trials.is_better(chosen, rich, materially=True) and trials.no_worse(rich, chosen)):
             break
         chosen = _still_needed(trials, chosen, rich, curve)
     return chosen

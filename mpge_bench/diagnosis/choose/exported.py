@@ -7,13 +7,17 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import with_a_past
 from mpge_bench.diagnosis.predict.simulated import error_at_once
+from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
+
+Array = npt.NDArray[np.float64]
 
 #: Effects -> root mean square error of all positions, predicted with them.
 ExportedError = Callable[[tuple[Effect, ...]], float]
@@ -34,6 +38,20 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
         return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))
 
     return error
+
+
+def noise_floors(problem: Problem, predictor: WindowPredictor, spread: Array) -> Array:
+    """Error that a perfect simulator would have, started from the noisy recorded state, shape (2 joints,).
+
+    Args:
+        predictor: whose flow carries what the start is off by.
+        spread: standard deviation of velocities that are not measured, shape (joints,).
+    """
+    layout, sigma = problem.linear.motion.layout, problem.sigma
+    speeds = layout.ddx(sigma)
+    start = layout.state(layout.dx(sigma), np.where(np.isfinite(speeds), speeds, np.maximum(spread, 1e-9))) ** 2
+    carried = (predictor.flow[problem.validation][..., : len(start)] ** 2 @ start).mean((0, 1))
+    return np.asarray(np.sqrt(carried + np.where(np.isfinite(sigma), sigma, 0.0) ** 2))
 
 
 def validation_recordings(problem: Problem) -> list[Recording]:

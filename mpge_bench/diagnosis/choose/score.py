@@ -22,7 +22,11 @@ def gain(simple: Model, rich: Model, windows: npt.NDArray[np.bool_]) -> tuple[fl
     By the mean over windows (the blocks: rows within one are not independent) of the roots of the sums of squares, so that no single window on which both go
     astray decides; for small gains this is the share of the sum of squares.
     """
-    before, after = (np.sqrt(one.missed_beside(other)[windows] + 1e-9) for one, other in ((simple, rich), (rich, simple)))
+    return fallen(*(np.sqrt(one.missed_beside(other)[windows] + 1e-9) for one, other in ((simple, rich), (rich, simple))))
+
+
+def fallen(before: Array, after: Array) -> tuple[float, float]:
+    """As `gain`, from the roots of what each window misses, shape (windows,)."""
     change = before / before.mean() - after / after.mean()
     share = 2 * float(np.log(before.mean() / after.mean()))
     return share, 2 * float(np.std(change, ddof=1) / np.sqrt(len(change))) if len(change) > 1 else 0.0

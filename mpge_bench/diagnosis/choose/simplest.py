@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mpge_bench.diagnosis.choose.score import is_better
+import numpy as np
+
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
@@ -18,9 +19,9 @@ def simplest(trials: Trials) -> Model:
 
     None that predicts worse in the simulator as it is exported than the simulator without it.
     """
-    problem = trials.problem
-    best = min(trials.models, key=lambda one: one.validation)
-    equal = [one for one in trials.models if not is_better(problem, one, best)]
+    levels = trials.levels(trials.models)
+    best = trials.models[int(np.argmin(levels))]
+    equal = [one for one in trials.models if not trials.is_better(one, best)]
     equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
     chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)
     return _plainer(trials, _needed(trials, chosen))
@@ -29,13 +30,14 @@ def simplest(trials: Trials) -> Model:
 def _needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
-    while len(chosen.effects) > 1 and not trials.cut_short("leaving out what is needless"):
+    # One of all joints was cut to what is needed when it was made, and would take minutes here.
+    while 1 < len(chosen.effects) <= trials.settings.most and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
         fitter, known = problem.fitter(chosen.effects), trials.known()
         for less, _ in trials.polished([effects for effects in fewer if key(effects) not in known and _near(trials, fitter, effects, chosen)]):
             trials.add(less)
         known = trials.known()
-        kept = [known[key(effects)] for effects in fewer if key(effects) in known and not is_better(problem, known[key(effects)], chosen)]
+        kept = [known[key(effects)] for effects in fewer if key(effects) in known and not trials.is_better(known[key(effects)], chosen)]
         if not kept:
             break
         chosen = min(kept, key=lambda one: one.validation)
@@ -66,6 +68,6 @@ def _plainer(trials: Trials, chosen: Model) -> Model:
                 if not _near(trials, fitter, kin, chosen):
                     continue
                 plain = trials.add(trials.converged(*polished(problem, kin))[0])
-            if not is_better(problem, plain, chosen):
+            if not trials.is_better(plain, chosen):
                 return _plainer(trials, plain)
     return chosen

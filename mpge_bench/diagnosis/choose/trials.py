@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.exported import exported_error, validation_recordings
+from mpge_bench.diagnosis.choose.exported import exported_error, noise_floors, validation_recordings
+from mpge_bench.diagnosis.choose.score import gain, is_better
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -63,7 +64,10 @@ class Trials:
         """Forget all models: they were judged by another noise, or on other windows."""
         self.problem = problem
         self._exported = exported_error(problem, validation_recordings(problem))
+        self._used = exported_error(problem, problem.recordings)
         self.nominal, self.fitter = nominal
+        floors = noise_floors(problem, self.fitter.predictor, problem.linear.motion.spread)
+        self._floor = float(np.sqrt(np.mean(problem.linear.motion.layout.dx(floors) ** 2)))
         self.models: list[Model] = [self.nominal]
 
     @property
@@ -87,6 +91,32 @@ class Trials:
         """Count `model` as fitted and note it as one that may be chosen."""
         self.models.append(self.fitted(model))
         return model
+
+    def levels(self, models: Sequence[Model]) -> list[float]:
+        """How much each of `models` misses, times the noise's, as mean squares, by which they are chosen.
+
+        Of validation windows, from the best starting states; or, where even the best of them is far from what the noise makes, of all recordings as it would
+        be exported, from recorded states: what starting states can hide of so large errors, those of motors that nobody records above all, is missed all
+        the same, and one recording is too few to tell which of two wrong models is nearer.
+        """
+        if not self._are_far(models):
+            return [one.validation for one in models]
+        return [(self._used(one.effects) / self._floor) ** 2 for one in models]
+
+    def _are_far(self, models: Sequence[Model]) -> bool:
+        return min((self._exported(one.effects) for one in models), default=0.0) > self.settings.far * self._floor
+
+    def is_better(self, simple: Model, rich: Model, *, materially: bool = False) -> bool:
+        """Whether `rich` predicts better than `simple`, as `score.is_better` has it or, where both are far from the noise, as they would be exported.
+
+        Args:
+            materially: of validation windows by as much as is asked far from the noise, wherever it is.
+        """
+        least = self.settings.coarse_material
+        if self._are_far([simple, rich]):
+            before, after = self.levels([simple, rich])
+            return after < (1 - least) * before
+        return is_better(self.problem, simple, rich) and not (materially and gain(simple, rich, self.problem.validation)[0] < least)
 
     def no_worse(self, rich: Model, simple: Model) -> bool:
         """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.score import is_better
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key, label
@@ -19,6 +18,10 @@ from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
+
+
+#: Share of a length below which nothing but rounding is left.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
     named = [one for one in chosen.effects if one.named]
     if not named:
         return []
-    fitter = trials.problem.fitter(chosen.effects)
+    settings, fitter = trials.problem.settings.choose, trials.problem.fitter(chosen.effects)
     # Nuisances take part, but each standard deviation of one costs as much as one of a reading's noise: what goes beyond their limits is not theirs.
     nuisances = fitter.nuisances.forgiven(chosen.effects).reshape(-1, chosen.fit.residuals.size)
     nuisances = np.concatenate((nuisances, np.eye(len(nuisances))), axis=1)
@@ -81,16 +84,24 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
         return np.pad(columns.reshape(-1, chosen.fit.residuals.size), ((0, 0), (0, len(nuisances))))
 
     for effect in named:
+        # All candidates, whatever was fitted; of a model of all joints that may take minutes.
+        if len(named) > settings.most and trials.cut_short("telling twins apart"):
+            break
         others = [other for other in chosen.effects if other is not effect]
         (own,) = flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
-        beside = np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))
+        taken = _basis(np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances)))
+        left = own - (own @ taken) @ taken.T
         for candidate in trials.candidates:
             if candidate.label in chosen.key or _contains(candidate, effect) or only not in (None, candidate.label):
                 continue
             columns = flat(fitter.columns(candidate, others))
+            length = np.linalg.norm(columns, axis=1, keepdims=True)
+            columns = columns - (columns @ taken) @ taken.T
+            # What others make up for but for rounding is nothing of its own.
+            columns = np.where(np.linalg.norm(columns, axis=1, keepdims=True) > _ROUNDING * length, columns, 0.0)
             # What is in proportion to its parameters is at its best any sum of its starts; what is not is near one of them.
             options = [columns] if not candidate.kind.is_bent() else list(columns[:, None])
-            distances = [remainder(own, np.concatenate((option, beside))) for option in options]
+            distances = [remainder(left, option) for option in options]
             best = int(np.argmin(distances))
             scale = max(1.0, chosen.train) ** 0.5
             found.append(Twin((*others, candidate.starts[best]), effect, distances[best] / scale, float(np.linalg.norm(own)) / scale))
@@ -99,13 +110,13 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
 
 def plainest(trials: Trials, chosen: Model) -> Model:
     """Of `chosen` and the models that these recordings cannot tell from it, the plainest that predicts as well."""
-    settings, problem = trials.settings, trials.problem
+    settings = trials.settings
     near = [one for one in twins(trials, chosen) if one.distance < settings.apart and plainness(one.effects[-1]) < plainness(one.replaced)]
     for twin in sorted(near, key=lambda one: plainness(one.effects[-1]))[: settings.twins]:
         if trials.cut_short("the plainest of equals"):
             break
         model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
-        if not is_better(problem, model, chosen) and trials.no_worse(model, trials.nominal):
+        if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal):
             return model
     return chosen
 
@@ -124,6 +135,15 @@ def remainder(own: Array, columns: Array) -> float:
     length = np.sqrt((columns**2).sum(1, keepdims=True))
     unit = (columns / np.where(length > 0, length, 1.0)).T
     return float(np.linalg.norm(own - unit @ np.linalg.lstsq(unit, own, rcond=1e-6)[0]))
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal directions of what `columns`, shape (columns, readings), span, shape (readings, directions)."""
+    length = np.sqrt((columns**2).sum(1, keepdims=True))
+    unit = columns / np.where(length > 0, length, 1.0)
+    values, vectors = np.linalg.eigh(unit @ unit.T)
+    kept = values > _ROUNDING * values.max(initial=0.0)
+    return np.asarray(unit.T @ (vectors[:, kept] / np.sqrt(values[kept])))
 
 
 def _columns_of_others(chosen: Model, effect: Effect) -> Array:

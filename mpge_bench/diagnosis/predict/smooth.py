@@ -23,18 +23,18 @@ def reference(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisSett
     """The simulator linearised about the smoothed recordings, with the sensors' noise estimated (or taken from the rig) in ``motion.sigma``."""
     motion = motion_of(recordings, rig, settings)
     linear = LinearisedSimulator(rig, motion)
-    sigma = _first_noise(linear)
+    first = _first_noise(linear)
     stated = _stated(rig)
-    sigma = np.where(np.isfinite(stated), stated, sigma)
+    sigma = np.where(np.isfinite(stated), stated, first)
     for _ in range(settings.predict.refinements):
-        linear, sigma = _refine(linear, sigma, stated, ())
+        linear, sigma = _refine(linear, sigma, stated, (), settings.predict.rough * first)
     return linear
 
 
 def rebase(linear: LinearisedSimulator, effects: Sequence[Effect], sigma: Array) -> LinearisedSimulator:
     """The simulator with `effects`, linearised about the recordings as that simulator smooths them under noise `sigma`."""
     linear = LinearisedSimulator(linear.rig, replace(linear.motion, sigma=sigma), effects)
-    return _refine(linear, sigma, sigma, effects)[0]
+    return _refine(linear, sigma, sigma, effects, sigma)[0]
 
 
 def _stated(rig: Rig) -> Array:
@@ -51,7 +51,8 @@ def asked_torque(linear: LinearisedSimulator) -> Array:
     return np.asarray(np.maximum(np.sqrt(np.mean(linear.delivered[valid] ** 2, 0)), np.sqrt(np.mean(inertial[valid] ** 2, 0))))
 
 
-def _refine(linear: LinearisedSimulator, sigma: Array, stated: Array, effects: Sequence[Effect]) -> tuple[LinearisedSimulator, Array]:
+def _refine(linear: LinearisedSimulator, sigma: Array, stated: Array, effects: Sequence[Effect], most: Array) -> tuple[LinearisedSimulator, Array]:
+    """The simulator linearised about the motion as it is smoothed under noise `sigma`, and that noise anew, as `stated` where that is, `most` at most."""
     motion, settings = linear.motion, linear.settings
     measured = unsense(motion, effects, linear.rig)
     size = asked_torque(linear)
@@ -62,7 +63,7 @@ def _refine(linear: LinearisedSimulator, sigma: Array, stated: Array, effects: S
         count = seen.sum((0, 1))
         total = np.where(seen, (measured - state) ** 2 + variance, 0.0).sum((0, 1))
         update = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.inf)
-        update = np.maximum(update, resolution(motion) / np.sqrt(12))
+        update = np.maximum(np.minimum(update, most), resolution(motion) / np.sqrt(12))
         sigma = np.where(np.isfinite(stated), stated, update)
         state, variance = smooth(linear, measured, sigma, best * size)
     spread = np.sqrt(np.mean(motion.layout.ddx(variance[motion.valid()]), 0))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.exported import noise_floors
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import predicted, with_a_past
@@ -39,7 +40,7 @@ def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Record
             errors[name].append(rig.layout.state(one.q - recording.q, one.dq - recording.dq)[judged])
         if len(trajectories) < 2 * len(rig.joints):
             trajectories += _trajectories(problem, recording, predictions["before"], predictions["after"])
-    floors = _floors(choice, after)
+    floors = noise_floors(problem, choice.fitter.predictor, after.motion.spread)
     n = len(rig.joints)
     channels = {}
     for column in range(2 * n):
@@ -74,14 +75,3 @@ def _trajectories(problem: Problem, recording: Recording, before: Recording, aft
         )
         for column, joint in enumerate(problem.rig.joints)
     ]
-
-
-def _floors(choice: Choice, after: LinearisedSimulator) -> Array:
-    """Error that a perfect simulator would have, started from the noisy recorded state; shape (2 joints,)."""
-    problem, layout = choice.problem, choice.problem.linear.motion.layout
-    sigma = problem.sigma
-    speeds = layout.ddx(sigma)
-    spread = np.where(np.isfinite(speeds), speeds, np.maximum(after.motion.spread, 1e-9))
-    start = layout.state(layout.dx(sigma), spread) ** 2
-    carried = (choice.fitter.predictor.flow[problem.validation][..., : len(start)] ** 2 @ start).mean((0, 1))
-    return np.asarray(np.sqrt(carried + np.where(np.isfinite(sigma), sigma, 0.0) ** 2))

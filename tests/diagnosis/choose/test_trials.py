@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Effect, Lag, ViscousFriction
+from mpge_bench.envs.effects import Effect, Lag, Payload, ViscousFriction
 
 from ..conftest import posed
 
@@ -63,3 +63,17 @@ def test_what_is_exported_makes_up_for_what_nuisances_explained(rig: Rig) -> Non
     right = replace(model, fit=replace(model.fit, effects=(Lag("elbow", 0.03),)))
     assert notebook.as_exported(right) is right
     assert notebook.as_exported(notebook.nominal) is notebook.nominal
+
+
+def test_far_from_the_noise_models_are_judged_as_they_would_be_exported(rig: Rig) -> None:
+    """Starting states that nobody recorded hid nine tenths of what an elastic joint missed of a measured arm."""
+    asked = posed(rig, Payload("lower", 0.3, 0.2), seconds=3.0, noise=1e-4)
+    notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
+    ((right, _),) = notebook.polished([[Payload("lower", 0.3, 0.2)]])
+    light, lighter = (replace(right, fit=replace(right.fit, effects=(Payload("lower", mass, 0.2),))) for mass in (0.2, 0.1))
+    assert notebook.levels([lighter, right]) == [lighter.validation, right.validation]
+    poor, better = notebook.levels([lighter, light])
+    assert poor > 2 * better > 100
+    # By their windows they would be equal here.
+    assert notebook.is_better(lighter, light)
+    assert not notebook.is_better(light, lighter)

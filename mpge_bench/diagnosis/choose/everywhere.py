@@ -1,0 +1,96 @@
+"""What every real joint has more or less of (dry and viscous friction, a rotor), at all joints at once, each its own, and then only where it is needed.
+
+Single effects lead nowhere where a dozen joints all miss something: each of them explains next to nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.score import fallen
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import parameters_of, values_of
+
+Array = npt.NDArray[np.float64]
+
+
+def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
+    """The model of all that every joint has and that its own joint needs, fitted; None where there is not enough of it to be looked at together."""
+    effects = [one.starts[0] for one in trials.candidates if one.kind.everywhere]
+    if len(effects) < 2 or trials.cut_short("fitting all joints at once"):
+        return None
+    pair = _fitted(trials, effects)
+    while len(pair[0].effects) > 2 and not trials.cut_short("fitting all joints at once"):
+        kept = needed(trials.problem, pair[0])
+        if len(kept) == len(pair[0].effects):
+            break
+        trials.add(pair[0])
+        pair = _fitted(trials, kept)
+    return pair
+
+
+def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]:
+    """Fitted about its own fit until that gains nothing, however far from the noise it ends: none of its parts would come nearer by itself."""
+    settings, problem = trials.settings, trials.problem
+    best = polished(problem, effects)
+    for _ in range(settings.convergences):
+        if trials.cut_short("fitting all joints at once"):
+            break
+        again = polished(problem, best[0].effects, evaluations=1)
+        gained = best[0].level_beside(again[0], ~problem.validation) - again[0].level_beside(best[0], ~problem.validation)
+        if gained > 0:
+            best = again
+        if gained < settings.converged * best[0].train:
+            break
+    return best
+
+
+def needed(problem: Problem, model: Model) -> list[Effect]:
+    """The effects of `model` without which their own joint would be predicted worse, whatever the others then did: left out one by one, the idlest first.
+
+    To first order, from the derivatives about the fit: thirty fits in the simulator would take minutes.
+    """
+    kept = list(range(len(model.effects)))
+    while len(kept) > 1:
+        needs = dict(_needs(problem, model, kept))
+        idlest = min(needs, key=lambda one: needs[one])
+        if needs[idlest] > 0:
+            break
+        kept.remove(idlest)
+    return [model.effects[index] for index in kept]
+
+
+def _needs(problem: Problem, model: Model, kept: list[int]) -> Iterator[tuple[int, float]]:
+    """By how much more than is material each of the effects `kept` lowers what is missed at its own joint."""
+    settings, n = problem.settings.choose, len(problem.rig.joints)
+    owner = np.repeat(np.arange(len(model.effects)), [len(parameters_of(effect)) for effect in model.effects])
+    size = np.linalg.norm(model.fit.jacobian.reshape(len(owner), -1), axis=1)
+    size = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    away = np.divide(model.absent - values_of(model.effects), size, out=np.zeros_like(size), where=size > 0)
+    jacobian = model.fit.jacobian * size[:, None, None]
+    weights = problem.fitter(model.effects).weights(model.fit.cost)
+    columns = (jacobian * weights).reshape(len(owner), -1)
+    gram, along = columns @ columns.T, columns @ (model.fit.residuals * weights).ravel()
+
+    def missed(without: list[int], joint: int) -> Array:
+        """Root of what is missed of the `joint` in each window, without the effects `without`, the others at their best; shape (windows,)."""
+        free = ~np.isin(owner, without)
+        step = np.where(free, 0.0, away)
+        step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ step)[free], rcond=1e-9)[0]
+        left = model.fit.residuals - np.tensordot(step, jacobian, 1)
+        own = left.reshape(len(left), -1, 2 * n)[..., [joint, n + joint]]
+        return np.asarray(np.sqrt((own**2).mean((1, 2)) + 1e-9))
+
+    dropped = [index for index in range(len(model.effects)) if index not in kept]
+    for index in kept:
+        joint = problem.rig.joints.index(model.effects[index].target)
+        rich = missed(dropped, joint)
+        share, error = fallen(missed([*dropped, index], joint), rich)
+        yield index, min(share - settings.material, share - settings.coarse_errors * error)
