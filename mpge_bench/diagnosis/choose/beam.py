@@ -98,7 +98,7 @@ def _polished(trials: Trials, drafts: list[Model], depth: int, beside: Beam) -> 
     """The best drafts fitted to the end, and the models `beside` them, the one that predicts validation recordings best first."""
     settings = trials.settings
     # Where one model is near, one that is far off cannot catch up.
-    hopeless = settings.hopeless[min(depth, 1)] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
+    hopeless = settings.hopeless[1 if depth or beside else 0] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
     pairs = beside + trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
     pairs = sorted(_without_idle(trials, pairs), key=lambda pair: pair[0].overall)
     if pairs:

@@ -86,6 +86,7 @@ class Choice:
         test: of there being no mismatch.
         twins: the answer with other effects in the place of its own, the nearest first.
         cut: stages that the time budget cut short.
+        by_all: whether the answer is so far from the noise that all recordings chose it, those that it was fitted to, too.
     """
 
     problem: Problem
@@ -97,6 +98,7 @@ class Choice:
     test: Screening
     twins: tuple[Twin, ...]
     cut: tuple[str, ...]
+    by_all: bool
 
 
 def choose(
@@ -115,4 +117,5 @@ def choose(
             grow(trials, again.screening)
         chosen = trials.as_exported(trials.settled(plainest(trials, with_curves(trials, simplest(trials)))))
     models, alike = tuple(trials.models), twins(trials, chosen)
-    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut))
+    by_all = bool(chosen.effects) and trials.are_far([chosen])
+    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), by_all)

@@ -99,11 +99,12 @@ class Trials:
         be exported, from recorded states: what starting states can hide of so large errors, those of motors that nobody records above all, is missed all
         the same, and one recording is too few to tell which of two wrong models is nearer.
         """
-        if not self._are_far(models):
+        if not self.are_far(models):
             return [one.validation for one in models]
         return [(self._used(one.effects) / self._floor) ** 2 for one in models]
 
-    def _are_far(self, models: Sequence[Model]) -> bool:
+    def are_far(self, models: Sequence[Model]) -> bool:
+        """Whether even the best of `models` is far from what the noise makes, of what models are chosen by."""
         return min((self._exported(one.effects) for one in models), default=0.0) > self.settings.far * self._floor
 
     def is_better(self, simple: Model, rich: Model, *, materially: bool = False) -> bool:
@@ -113,7 +114,7 @@ class Trials:
             materially: of validation windows by as much as is asked far from the noise, wherever it is.
         """
         least = self.settings.coarse_material
-        if self._are_far([simple, rich]):
+        if self.are_far([simple, rich]):
             before, after = self.levels([simple, rich])
             return after < (1 - least) * before
         return is_better(self.problem, simple, rich) and not (materially and gain(simple, rich, self.problem.validation)[0] < least)

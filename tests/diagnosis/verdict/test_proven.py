@@ -23,7 +23,7 @@ from ..conftest import record
 
 
 def choice_of(problem: Any, nominal: Any, chosen: Any, models: tuple[Any, ...] = ()) -> Choice:
-    return Choice(problem, (), nominal, SimpleNamespace(), chosen, models, Screening(0.001, True, 0.001, {}), (), ())  # type: ignore[arg-type]
+    return Choice(problem, (), nominal, SimpleNamespace(), chosen, models, Screening(0.001, True, 0.001, {}), (), (), False)  # type: ignore[arg-type]
 
 
 def test_what_predicts_unseen_recordings_worse_is_taken_back(rig: Rig) -> None:
