@@ -166,7 +166,7 @@ class ChooseSettings:
     most: int = _setting(6, "effects", "of a model, at most")
     tried: tuple[int, int, int] = _setting((12, 8, 5), "candidates", "fitted in the first round; later beside the best model; beside the others")
     polished: int = _setting(4, "models", "of a round are polished")
-    hopeless: tuple[float, float] = _setting((10.0, 4.0), "times the best", "drafts that miss more are not polished: at first; later, or beside one of all joints")
+    hopeless: tuple[float, float] = _setting((10.0, 4.0), "times the best", "drafts that miss more are not polished: first round; later, or beside all joints")
     reached: float = _setting(0.02, "share", "where a draft misses so much less than a model, models further behind are not followed up")
     held: float = _setting(1.2, "times the noise", "a best model this near the noise leaves room for none that is far off")
     elsewhere: float = _setting(30.0, "times", "more than fits leave is missed where models are chosen: what is missed acts there")
