@@ -157,7 +157,7 @@ class ChooseSettings:
     coarse: float = _setting(2.0, "times the noise", "what counts as much more than the noise for that")
     errors: float = _setting(2.0, "standard errors", "a gain must be beyond these; near the noise")
     coarse_errors: float = _setting(1.0, "standard errors", "far from the noise, where windows differ too much for two")
-    far: float = _setting(3.0, "times the error that noise makes", "beyond it models are judged by predictions as they will be used, from recorded states")
+    far: float = _setting(3.0, "times the error that noise and physics step make", "beyond it models are judged as they will be used, from recorded states")
     touched: float = _setting(0.02, "share of a window's sum of squares", "by which it differs where two models predict it differently")
     few_touched: int = _setting(3, "windows", "with no more than these touched, all windows are taken")
     slight: float = _setting(0.005, "share of the joint's torque", "what two simulators differ in is often mended by tiny stiffness, play or lag: no effect")

@@ -35,15 +35,13 @@ def grow(trials: Trials, screening: Screening) -> None:
             break
         if depth == 0:
             _renew_noise(trials, drafts[0])
-        # The noise may just have been estimated anew, and the nominal model with it.
-        before = beam[0][0] if depth else trials.nominal
         together = everywhere(trials) if depth == 0 and drafts[0].overall > settings.coarse else None
         grown = _polished(trials, drafts, depth, [together] if together else [])
         if not grown:
             break
         best = grown[0][0]
         # There is something, so that what no effect does alone two may do together.
-        if depth and not trials.is_better(before, best):
+        if depth and not trials.is_better(beam[0][0], best):
             break
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         levels = trials.levels([model for model, _ in grown])

@@ -66,8 +66,11 @@ class Trials:
         self._exported = exported_error(problem, validation_recordings(problem))
         self._used = exported_error(problem, problem.recordings)
         self.nominal, self.fitter = nominal
-        floors = noise_floors(problem, self.fitter.predictor, problem.linear.motion.spread)
-        self._floor = float(np.sqrt(np.mean(problem.linear.motion.layout.dx(floors) ** 2)))
+        layout, predictor = problem.linear.motion.layout, self.fitter.predictor
+        floors = noise_floors(problem, predictor, problem.linear.motion.spread)
+        # No right model does better than its physics step.
+        stepped = np.mean(predictor.halved_error[problem.validation] ** 2, (0, 1))
+        self._floor = float(np.sqrt(np.mean(layout.dx(floors) ** 2 + layout.dx(stepped))))
         self.models: list[Model] = [self.nominal]
 
     @property
@@ -93,7 +96,7 @@ class Trials:
         return model
 
     def levels(self, models: Sequence[Model]) -> list[float]:
-        """How much each of `models` misses, times the noise's, as mean squares, by which they are chosen.
+        """How much each of `models` misses, times what noise and physics step make, as mean squares, by which they are chosen.
 
         Of validation windows, from the best starting states; or, where even the best of them is far from what the noise makes, of all recordings as it would
         be exported, from recorded states: what starting states can hide of so large errors, those of motors that nobody records above all, is missed all
@@ -104,8 +107,10 @@ class Trials:
         return [(self._used(one.effects) / self._floor) ** 2 for one in models]
 
     def are_far(self, models: Sequence[Model]) -> bool:
-        """Whether even the best of `models` is far from what the noise makes, of what models are chosen by."""
-        return min((self._exported(one.effects) for one in models), default=0.0) > self.settings.far * self._floor
+        """Whether even the best of `models` is far from what noise and physics step make: of what models are chosen by, in windows and as exported."""
+        if min((one.validation for one in models), default=0.0) < self.settings.coarse:
+            return False
+        return min(self._exported(one.effects) for one in models) > self.settings.far * self._floor
 
     def is_better(self, simple: Model, rich: Model, *, materially: bool = False) -> bool:
         """Whether `rich` predicts better than `simple`, as `score.is_better` has it or, where both are far from the noise, as they would be exported.

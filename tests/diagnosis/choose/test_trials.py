@@ -70,10 +70,12 @@ def test_far_from_the_noise_models_are_judged_as_they_would_be_exported(rig: Rig
     asked = posed(rig, Payload("lower", 0.3, 0.2), seconds=3.0, noise=1e-4)
     notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
     ((right, _),) = notebook.polished([[Payload("lower", 0.3, 0.2)]])
-    light, lighter = (replace(right, fit=replace(right.fit, effects=(Payload("lower", mass, 0.2),))) for mass in (0.2, 0.1))
-    assert notebook.levels([lighter, right]) == [lighter.validation, right.validation]
+    wrong = replace(right, validation=30.0, missed=np.full_like(right.missed, 30.0))
+    light, lighter = (replace(wrong, fit=replace(right.fit, effects=(Payload("lower", mass, 0.2),))) for mass in (0.2, 0.1))
+    # Where windows say that one is right, they are trusted.
+    assert notebook.levels([lighter, right]) == [30.0, right.validation]
     poor, better = notebook.levels([lighter, light])
-    assert poor > 2 * better > 100
-    # By their windows they would be equal here.
+    assert poor > 2 * better > 20
+    # By their windows they are equal.
     assert notebook.is_better(lighter, light)
     assert not notebook.is_better(light, lighter)
