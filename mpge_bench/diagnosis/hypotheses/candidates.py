@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,10 +47,16 @@ def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
         if kind.asks_states:
             continue
         for target in candidate_targets(rig, name):
-            starts = _starts(rig, [kind(target, **start) for start in kind.starts(scales[carrier(rig, target)])])
+            starts = _starts(rig, [kind(target, **_within(kind, start)) for start in kind.starts(scales[carrier(rig, target)])])
             if starts:
                 found.append(Candidate(name, target, starts))
     return found
+
+
+def _within(kind: type[Effect], start: Mapping[str, Any]) -> dict[str, Any]:
+    """`start` within the bounds of the parameters: what whirls asks for torques beyond them."""
+    bounds = {name: kind.parameters[name] for name in start}
+    return {name: np.clip(value, bounds[name].low, bounds[name].high).tolist() for name, value in start.items()}
 
 
 def _starts(rig: Rig, starts: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -46,3 +46,12 @@ def test_delays_are_looked_for_as_far_as_recordings_go() -> None:
         for duration in (0.1, 1.0, 10.0)
     }
     assert longest == pytest.approx({0.1: 0.03, 1.0: 0.48, 10.0: 0.96})
+
+
+def test_what_whirls_is_looked_at_within_the_bounds_of_effects(tmp_path: Path) -> None:
+    """A light link that spun at hundreds of radians a second asked for a dead zone of 80 kN m, and the diagnosis ended with that effect's refusal."""
+    rig = read_rig(write_rig(tmp_path))
+    sizes = {"torque": 1e6, "limit": 3e6, "speed": 1e3, "top_speed": 3e3, "angle": 500.0, "inertia": 0.05, "mass": 1.0, "length": 0.2}
+    scale = Scale(**sizes, period=0.01, duration=8.0, gravity=(0.0, 0.0, -9.81))
+    starts = {one.label: one.starts for one in candidates(rig, dict.fromkeys(rig.joints, scale))}
+    assert max(effect.torque for effect in starts["dead_zone:elbow"]) == 1e4  # type: ignore[attr-defined]
