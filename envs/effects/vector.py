@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,12 @@ def with_parameters(effect: Effect, values: Sequence[float]) -> Effect:
         left = left[size:]
         changes[name] = taken[0] if parameter.size == 1 else tuple(taken)
     return dataclasses.replace(effect, **changes)
+
+
+def within_bounds(kind: type[Effect], target: str, values: Mapping[str, Any]) -> Effect:
+    """An effect with `values` by the parameters' names, each clipped to its bounds: starts of fits go by how large things are, and what whirls is larger."""
+    bounds = {name: kind.parameters[name] for name in values}
+    return kind(target, **{name: np.clip(value, bounds[name].low, bounds[name].high).tolist() for name, value in values.items()})
 
 
 def parameters_of(effect: Effect) -> list[float]:

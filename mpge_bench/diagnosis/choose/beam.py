@@ -17,6 +17,7 @@ from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import drafted, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, carrier
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import within_bounds
 
 Beam = list[tuple[Model, LinearFitter]]
 
@@ -46,7 +47,7 @@ def grow(trials: Trials, screening: Screening) -> None:
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         levels = trials.levels([model for model, _ in grown])
         near = settings.held if levels[0] < settings.held else settings.half_truth
-        beam = [pair for pair, level in zip(grown[: settings.beam], levels, strict=False) if level < near * levels[0]]
+        beam = [pair for pair, level in zip(grown, levels, strict=True) if level < near * levels[0]][: settings.beam]
         if trials.cut_short("combining effects"):
             break
         rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
@@ -88,7 +89,7 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
 def _beyond(problem: Problem, candidate: Candidate, contained: Sequence[Effect]) -> Candidate:
     """`candidate` with starts from what effects that it contains were fitted to, if there are such."""
     scale = problem.scales[carrier(problem.rig, candidate.target)]
-    starts = [candidate.kind(candidate.target, **values) for effect in contained for values in candidate.kind.beyond(effect, scale)]
+    starts = [within_bounds(candidate.kind, candidate.target, values) for effect in contained for values in candidate.kind.beyond(effect, scale)]
     return replace(candidate, starts=tuple(starts), is_sized=True) if starts else candidate
 
 

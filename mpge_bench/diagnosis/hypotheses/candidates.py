@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +12,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.smooth import asked_torque
 from mpge_bench.envs.effects import CATALOGUE, Effect, Scale
-from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters, within_bounds
 
 Array = npt.NDArray[np.float64]
 
@@ -47,16 +46,10 @@ def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
         if kind.asks_states:
             continue
         for target in candidate_targets(rig, name):
-            starts = _starts(rig, [kind(target, **_within(kind, start)) for start in kind.starts(scales[carrier(rig, target)])])
+            starts = _starts(rig, [within_bounds(kind, target, start) for start in kind.starts(scales[carrier(rig, target)])])
             if starts:
                 found.append(Candidate(name, target, starts))
     return found
-
-
-def _within(kind: type[Effect], start: Mapping[str, Any]) -> dict[str, Any]:
-    """`start` within the bounds of the parameters: what whirls asks for torques beyond them."""
-    bounds = {name: kind.parameters[name] for name in start}
-    return {name: np.clip(value, bounds[name].low, bounds[name].high).tolist() for name, value in start.items()}
 
 
 def _starts(rig: Rig, starts: Sequence[Effect]) -> tuple[Effect, ...]:

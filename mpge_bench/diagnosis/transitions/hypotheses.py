@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.diagnosis.transitions.replay import environment
 from mpge_bench.envs.effects import CATALOGUE, Effect, Scale
-from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
+from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters, within_bounds
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots import Robot
 
@@ -117,7 +117,7 @@ def listed(
             groups["link"].append(("*",) if kind.takes_all else tuple(links))
         for targets in groups.get(kind.on, [("world",)]):
             scale = scales.of(kind.on, targets[0])
-            starts = tuple(dict.fromkeys(kind(targets[0], **start) for start in kind.starts(scale)))
+            starts = tuple(dict.fromkeys(within_bounds(kind, targets[0], start) for start in kind.starts(scale)))
             if starts:
                 absent = kind.absent(scale)
                 found.append(Hypothesis(targets, starts, None if absent is None else tuple(absent)))
