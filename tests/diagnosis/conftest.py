@@ -69,10 +69,10 @@ def record(rig: Rig, effects: Sequence[Effect] = (), *, seconds: float = 2.0, pe
     return Recording(rig.path.parent / "recording.csv", time, u, q, dq)
 
 
-def posed(rig: Rig, hidden: Effect, *, seconds: float, noise: float = 0.0) -> Problem:
-    """What four recordings of `rig` with a `hidden` effect ask, positions with `noise` (rad), velocities with ten times as much."""
+def posed(rig: Rig, *hidden: Effect, seconds: float, noise: float = 0.0) -> Problem:
+    """What four recordings of `rig` with `hidden` effects ask, positions with `noise` (rad), velocities with ten times as much."""
     rng = np.random.default_rng(0)
-    exact = [record(rig, [hidden], seconds=seconds, seed=seed) for seed in range(4)]
+    exact = [record(rig, hidden, seconds=seconds, seed=seed) for seed in range(4)]
     noisy = [replace(one, q=one.q + rng.normal(0, noise, one.q.shape), dq=one.dq + rng.normal(0, 10 * noise, one.dq.shape)) for one in exact]
     measured = measurements(rig, noisy, DEFAULT)
     return problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)

@@ -5,7 +5,7 @@ Single effects lead nowhere where a dozen joints all miss something: each of the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -38,38 +38,42 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
 
 def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]:
     """Fitted about its own fit until that gains nothing, however far from the noise it ends: none of its parts would come nearer by itself."""
-    settings, problem = trials.settings, trials.problem
-    best = polished(problem, effects)
+    settings = trials.settings
+    model, fitter = polished(trials.problem, effects)
     for _ in range(settings.convergences):
         if trials.cut_short("fitting all joints at once"):
             break
-        again = polished(problem, best[0].effects, evaluations=1)
-        gained = best[0].level_beside(again[0], ~problem.validation) - again[0].level_beside(best[0], ~problem.validation)
-        if gained > 0:
-            best = again
-        if gained < settings.converged * best[0].train:
+        (model, fitter), gained = trials.again(model, fitter, evaluations=1)
+        if gained < settings.converged * model.train:
             break
-    return best
+    return model, fitter
 
 
 def needed(problem: Problem, model: Model) -> list[Effect]:
-    """The effects of `model` without which their own joint would be predicted worse, whatever the others then did: left out one by one, the idlest first.
-
-    To first order, from the derivatives about the fit: thirty fits in the simulator would take minutes.
-    """
+    """The effects of `model` without which their own joint would be predicted worse, whatever the others then did: left out one by one, the idlest first."""
+    settings, joints = problem.settings.choose, problem.rig.joints
+    missed = _left_out(problem, model)
     kept = list(range(len(model.effects)))
     while len(kept) > 1:
-        needs = dict(_needs(problem, model, kept))
-        idlest = min(needs, key=lambda one: needs[one])
+        dropped = [index for index in range(len(model.effects)) if index not in kept]
+        rich, needs = missed(dropped), {}
+        for index in kept:
+            joint = joints.index(model.effects[index].target)
+            share, error = fallen(missed([*dropped, index])[:, joint], rich[:, joint])
+            # By how much more than is material it lowers what is missed there.
+            needs[index] = min(share - settings.material, share - settings.coarse_errors * error)
+        idlest = min(kept, key=needs.__getitem__)
         if needs[idlest] > 0:
             break
         kept.remove(idlest)
     return [model.effects[index] for index in kept]
 
 
-def _needs(problem: Problem, model: Model, kept: list[int]) -> Iterator[tuple[int, float]]:
-    """By how much more than is material each of the effects `kept` lowers what is missed at its own joint."""
-    settings, n = problem.settings.choose, len(problem.rig.joints)
+def _left_out(problem: Problem, model: Model) -> Callable[[list[int]], Array]:
+    """Root of what `model` misses of each joint in each window, shape (windows, joints), without some of its effects, by index, the others at their best.
+
+    To first order, from the derivatives about the fit: thirty fits in the simulator would take minutes.
+    """
     owner = np.repeat(np.arange(len(model.effects)), [len(parameters_of(effect)) for effect in model.effects])
     size = np.linalg.norm(model.fit.jacobian.reshape(len(owner), -1), axis=1)
     size = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
@@ -79,18 +83,11 @@ def _needs(problem: Problem, model: Model, kept: list[int]) -> Iterator[tuple[in
     columns = (jacobian * weights).reshape(len(owner), -1)
     gram, along = columns @ columns.T, columns @ (model.fit.residuals * weights).ravel()
 
-    def missed(without: list[int], joint: int) -> Array:
-        """Root of what is missed of the `joint` in each window, without the effects `without`, the others at their best; shape (windows,)."""
+    def missed(without: list[int]) -> Array:
         free = ~np.isin(owner, without)
         step = np.where(free, 0.0, away)
         step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ step)[free], rcond=1e-9)[0]
         left = model.fit.residuals - np.tensordot(step, jacobian, 1)
-        own = left.reshape(len(left), -1, 2 * n)[..., [joint, n + joint]]
-        return np.asarray(np.sqrt((own**2).mean((1, 2)) + 1e-9))
+        return np.asarray(np.sqrt((left.reshape(len(left), -1, 2, len(problem.rig.joints)) ** 2).mean((1, 2)) + 1e-9))
 
-    dropped = [index for index in range(len(model.effects)) if index not in kept]
-    for index in kept:
-        joint = problem.rig.joints.index(model.effects[index].target)
-        rich = missed(dropped, joint)
-        share, error = fallen(missed([*dropped, index], joint), rich)
-        yield index, min(share - settings.material, share - settings.coarse_errors * error)
+    return missed

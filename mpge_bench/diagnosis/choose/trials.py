@@ -120,7 +120,7 @@ class Trials:
         """
         least = self.settings.coarse_material
         if self.are_far([simple, rich]):
-            before, after = self.levels([simple, rich])
+            before, after = (self._used(one.effects) ** 2 for one in (simple, rich))
             return after < (1 - least) * before
         return is_better(self.problem, simple, rich) and not (materially and gain(simple, rich, self.problem.validation)[0] < least)
 
@@ -165,10 +165,18 @@ class Trials:
             return model
         return self.add(replace(model, fit=replace(model.fit, effects=effects)))
 
+    def again(self, model: Model, fitter: LinearFitter, evaluations: int) -> tuple[tuple[Model, LinearFitter], float]:
+        """`model` fitted anew about its own fit or, where that gains nothing, as it is, with its fitter; and the gain."""
+        train = ~self.problem.validation
+        anew = polished(self.problem, model.effects, evaluations=evaluations)
+        # Each leaves itself as much room as its own physics step asks for.
+        gained = model.level_beside(anew[0], train) - anew[0].level_beside(model, train)
+        return (anew if gained > 0 else (model, fitter)), gained
+
     def converged(self, model: Model, fitter: LinearFitter) -> tuple[Model, LinearFitter]:
         """`model` fitted anew about its own fit until that no longer helps."""
         settings = self.settings
-        evaluations, train = self.problem.settings.fit.evaluations_polish, ~self.problem.validation
+        evaluations = self.problem.settings.fit.evaluations_polish
         # One far from the noise is but a step on the way, unless it hides how near it could come.
         on_the_way = model.train > settings.on_the_way and not any(effect.remembers for effect in model.effects)
         for _ in range(0 if on_the_way else settings.convergences):
@@ -176,11 +184,7 @@ class Trials:
                 break
             if model.train < settings.near:
                 evaluations = 1
-            again = polished(self.problem, model.effects, evaluations=evaluations)
-            # Each leaves itself as much room as its own physics step asks for.
-            gained = model.level_beside(again[0], train) - again[0].level_beside(model, train)
-            if gained > 0:
-                model, fitter = again
+            (model, fitter), gained = self.again(model, fitter, evaluations)
             if gained < settings.converged * model.train:
                 if evaluations == 1:
                     break

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.told import spanned
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key, label
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
@@ -89,14 +90,14 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
             break
         others = [other for other in chosen.effects if other is not effect]
         (own,) = flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
-        taken = _basis(np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances)))
-        left = own - (own @ taken) @ taken.T
+        taken = spanned(_unit(np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))))
+        left = own - (own @ taken.T) @ taken
         for candidate in trials.candidates:
             if candidate.label in chosen.key or _contains(candidate, effect) or only not in (None, candidate.label):
                 continue
             columns = flat(fitter.columns(candidate, others))
             length = np.linalg.norm(columns, axis=1, keepdims=True)
-            columns = columns - (columns @ taken) @ taken.T
+            columns = columns - (columns @ taken.T) @ taken
             # What others make up for but for rounding is nothing of its own.
             columns = np.where(np.linalg.norm(columns, axis=1, keepdims=True) > _ROUNDING * length, columns, 0.0)
             # What is in proportion to its parameters is at its best any sum of its starts; what is not is near one of them.
@@ -132,18 +133,14 @@ def plainness(effect: Effect) -> tuple[bool, int, int, int]:
 
 def remainder(own: Array, columns: Array) -> float:
     """Length of what of `own`, shape (readings,), the `columns`, shape (columns, readings), cannot make up."""
-    length = np.sqrt((columns**2).sum(1, keepdims=True))
-    unit = (columns / np.where(length > 0, length, 1.0)).T
+    unit = _unit(columns).T
     return float(np.linalg.norm(own - unit @ np.linalg.lstsq(unit, own, rcond=1e-6)[0]))
 
 
-def _basis(columns: Array) -> Array:
-    """Orthonormal directions of what `columns`, shape (columns, readings), span, shape (readings, directions)."""
+def _unit(columns: Array) -> Array:
+    """`columns`, shape (columns, readings), at unit length."""
     length = np.sqrt((columns**2).sum(1, keepdims=True))
-    unit = columns / np.where(length > 0, length, 1.0)
-    values, vectors = np.linalg.eigh(unit @ unit.T)
-    kept = values > _ROUNDING * values.max(initial=0.0)
-    return np.asarray(unit.T @ (vectors[:, kept] / np.sqrt(values[kept])))
+    return np.asarray(columns / np.where(length > 0, length, 1.0))
 
 
 def _columns_of_others(chosen: Model, effect: Effect) -> Array:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.fit.told import spanned
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 
 Array = npt.NDArray[np.float64]
@@ -64,10 +65,7 @@ class _Residual:
         alive = size > 1e-6
         if not alive.any():
             return None
-        flat = every[alive] / size[alive, None]
-        values, vectors = np.linalg.eigh(flat @ flat.T)
-        kept = values > 1e-6 * values.max()
-        basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ flat
+        basis = spanned(every[alive] / size[alive, None])
         return np.asarray((basis.reshape(len(basis), *self.values.shape) * self.values).sum(-1))
 
 

@@ -13,6 +13,13 @@ from mpge_bench.diagnosis.settings import FitSettings
 Array = npt.NDArray[np.float64]
 
 
+def spanned(columns: Array) -> Array:
+    """Orthonormal directions of what `columns` of unit length (or 0), shape (columns, readings), span but for rounding, shape (directions, readings)."""
+    values, vectors = np.linalg.eigh(columns @ columns.T)
+    kept = values > 1e-6 * values.max(initial=0.0)
+    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T @ columns)
+
+
 @dataclass(frozen=True)
 class Directions:
     """Orthogonal directions of parameters, each in units in which it moves the prediction by one standard deviation of the noise.

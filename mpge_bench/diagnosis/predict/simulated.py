@@ -77,12 +77,14 @@ class SimulatedWindows:
             found, stopped = self._rolled(effects, starts, references)
         except NotCovered:
             found, stopped = np.empty((*self._rows.shape, 2 * self._rig.layout.nv)), np.ones(len(starts), np.bool_)
+        if not np.isfinite(found[~stopped]).all():
+            return None
         if stopped.any():
             slow = self._in_bullet(effects, starts, references, np.flatnonzero(stopped))
             if slow is None:
                 return None
             found[stopped] = slow
-        return found if np.isfinite(found).all() else None
+        return found
 
     def _rolled(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> tuple[Array, npt.NDArray[np.bool_]]:
         """As `predict`, NaN where it becomes unstable, and in which windows a joint reaches an end stop, of which only PyBullet knows.

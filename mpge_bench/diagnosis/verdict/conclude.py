@@ -100,7 +100,7 @@ def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
         "horizon": f"{problem.horizon:g} s",
         "held out": cut + ", ".join(one.path.name for one in parts.unseen),
         "fitted to": fitted,
-        "chosen by": "all that it was fitted to and " * choice.by_all + chosen_by,
+        "chosen by": f"all that it was fitted to and {chosen_by}" if choice.by_all else chosen_by,
         "time taken": time_taken(clock.begun, choice.cut),
         "models fitted": str(len(choice.models)),
     }

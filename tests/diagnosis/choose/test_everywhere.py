@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.data.checks import measurements
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, ViscousFriction
 from mpge_bench.envs.effects.vector import parameters_of
 
-from ..conftest import record
+from ..conftest import posed
 
 HIDDEN = (CoulombFriction("shoulder", 0.3), CoulombFriction("elbow", 0.15), Armature("shoulder", 0.05), Armature("elbow", 0.01), ViscousFriction("elbow", 0.1))
 
 
 def notebook(rig: Rig, hidden: tuple[Effect, ...], deadline: float = math.inf) -> Trials:
-    rng = np.random.default_rng(0)
-    exact = [record(rig, hidden, seconds=4.0, seed=seed) for seed in range(4)]
-    noisy = [replace(one, q=one.q + rng.normal(0, 2e-4, one.q.shape), dq=one.dq + rng.normal(0, 2e-3, one.dq.shape)) for one in exact]
-    measured = measurements(rig, noisy, DEFAULT)
-    asked = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
+    asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
     return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
 
 

@@ -106,6 +106,7 @@ def test_windows_that_reach_an_end_stop_are_pybullets_and_no_others(tmp_path: Pa
     limit = '<joint name="elbow" type="revolute"><limit lower="-0.5" upper="0.5" effort="9" velocity="9"/>'
     (tmp_path / "arm.urdf").write_text(ARM.replace('<joint name="elbow" type="continuous">', limit))
     case = Case(read_rig(path))
+    assert case.at_once((), case.recordings) == pytest.approx(case.one_by_one((), case.recordings), abs=1e-12)
     expected = case.one_by_one([SensorBias("elbow", 0.1)], case.recordings)
     slow: list[int] = []
     run = BulletPredictor.run
