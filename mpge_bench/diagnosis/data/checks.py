@@ -66,24 +66,28 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
 
 
 def _check_units(recordings: Sequence[Recording], rig: Rig, settings: DataSettings) -> None:
-    """Degrees show in angles that a mechanism does not reach in radians, with torques or gravity that could not bring it there."""
+    """Degrees show in angles that a mechanism does not reach in radians, with torques or gravity that could not bring it there.
+
+    All recordings have the same units: one that asks for less torque as it is than turned clears those whose motion is too wild to tell.
+    """
     for column, joint in enumerate(rig.joints):
         if rig.model.is_prismatic(joint):
             continue
         for recording in recordings:
-            spread = float(np.ptp(recording.q[:, column]))
-            moved = float(np.abs(np.diff(recording.q[:, column])).sum())
             ratio = _over_velocity(recording, column, settings)
             if settings.degree_ratios[0] < ratio < settings.degree_ratios[1]:
                 raise UserError(
                     f"{recording.path}: column q_{joint} changes {ratio:.0f} times as fast as dq_{joint} says; angles in degrees are suspected: convert them"
                     " to radians"
                 )
-            if spread > settings.degree_spread and _too_fast(recording, rig, column, settings):
-                raise UserError(
-                    f"{recording.path}: column q_{joint} spans {spread:.0f} (and moves {moved:.0f} in {recording.duration:.1f} s), too much for the torques"
-                    " and gravity of this rig; degrees are suspected: convert to radians"
-                )
+        wide = [one for one in recordings if np.ptp(one.q[:, column]) > settings.degree_spread]
+        suspect = next((one for one in wide if _too_fast(one, rig, column, settings)), None)
+        if suspect is not None and all(np.greater(*_lacking(one, rig, column, settings)) for one in recordings):
+            angles = suspect.q[:, column]
+            raise UserError(
+                f"{suspect.path}: column q_{joint} spans {np.ptp(angles):.0f} (and moves {np.abs(np.diff(angles)).sum():.0f} in {suspect.duration:.1f} s), too"
+                " much for the torques and gravity of this rig; degrees are suspected: convert to radians"
+            )
 
 
 def _over_velocity(recording: Recording, column: int, settings: DataSettings) -> float:
@@ -99,30 +103,40 @@ def _over_velocity(recording: Recording, column: int, settings: DataSettings) ->
 
 def _too_fast(recording: Recording, rig: Rig, column: int, settings: DataSettings) -> bool:
     """Whether the motion lacks torques beside what commands and gravity can do, but hardly any if its angles are turned from degrees into radians."""
-    motion = np.stack(differentiate(recording, settings), 1)
-    turned = np.where([rig.model.is_prismatic(joint) for joint in rig.joints], 1.0, np.pi / 180) * motion
+    # Motion too fast for the rows has accelerations that nobody knows, and may seem to lack anything.
+    known, finer = (differentiate(recording, replace(settings, smoothing=one))[2][:, column] for one in (settings.smoothing, settings.smoothing / 2))
+    if np.std(finer - known) > settings.degree_resolved * np.std(known):
+        return False
+    model = rig.changed()
+    still = np.zeros_like(recording.q)
+    gravity = Tree(model, rig.joints).inverse_dynamics(recording.q, still, still, np.array(model.gravity or rig.gravity))[:, column]
+    available = float(np.abs(_commanded(recording, rig, column)).max() + np.abs(gravity).max())
+    lacks, would = _lacking(recording, rig, column, settings)
+    return would < settings.degree_torque * available and lacks > max(settings.degree_excess * would, settings.degree_beyond * available)
+
+
+def _lacking(recording: Recording, rig: Rig, column: int, settings: DataSettings) -> tuple[float, float]:
+    """Standard deviation of the torque that the motion lacks beside commands and gravity: as it is, and with its angles turned from degrees into radians."""
     model = rig.changed()
     tree, gravity = Tree(model, rig.joints), np.array(model.gravity or rig.gravity)
-    rotor = rig.rotors()[column]
-    servo = rig.servo(rig.joints[column])
-    given = recording.u[:, column] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(motion))
-    still = np.zeros_like(motion[:, 0])
-    available = float(np.abs(given).max() + np.abs(tree.inverse_dynamics(motion[:, 0], still, still, gravity)[:, column]).max())
+    rotor, servo = rig.rotors()[column], rig.servo(rig.joints[column])
+    hinges = np.array([not rig.model.is_prismatic(joint) for joint in rig.joints])
 
-    def lacking(motion: Array) -> float:
-        q, dq, ddq = np.moveaxis(motion, 1, 0)
-        torques = tree.inverse_dynamics(q, dq, ddq, gravity)[:, column] + rotor * ddq[:, column] - given
+    def lacks(motion: Array) -> float:
+        q, dq, ddq = motion
+        torques = tree.inverse_dynamics(q, dq, ddq, gravity)[:, column] + rotor * ddq[:, column] - _commanded(recording, rig, column)
         if servo is not None:
             # No target, no torque.
             torques -= np.nan_to_num(servo.kp * (recording.u[:, column] - q[:, column]) - servo.kd * dq[:, column])
         return float(np.std(torques))
 
-    # Motion too fast for the rows has accelerations that nobody knows, and may seem to lack anything.
-    known, finer = motion[:, 2, column], differentiate(recording, replace(settings, smoothing=settings.smoothing / 2))[2][:, column]
-    if np.std(finer - known) > settings.degree_resolved * np.std(known):
-        return False
-    would = lacking(turned)
-    return would < settings.degree_torque * available and lacking(motion) > max(settings.degree_excess * would, settings.degree_beyond * available)
+    motion = np.stack(differentiate(recording, settings))
+    return lacks(motion), lacks(motion * np.where(hinges, np.pi / 180, 1.0))
+
+
+def _commanded(recording: Recording, rig: Rig, column: int) -> Array:
+    """The joint's torque commands, none where it follows targets."""
+    return recording.u[:, column] if rig.modes[rig.joints[column]] == "torque" else np.zeros(len(recording.u))
 
 
 def trusted(recordings: Sequence[Recording], rig: Rig, settings: DataSettings = DEFAULT.data) -> tuple[list[Recording], dict[str, str]]:

@@ -277,3 +277,14 @@ def test_what_whips_about_too_fast_for_its_rows_is_not_suspected(tmp_path: Path)
     spun = Recording(tmp_path / "recording.csv", time, u, q + 1e-3 * rng.standard_normal(q.shape), np.full_like(dq, np.nan))
     write_table(table(spun, rig), spun.path)
     read_recordings([spun.path], rig)
+
+
+def test_a_recording_at_home_in_radians_clears_a_wild_one(rig: Rig, tmp_path: Path) -> None:
+    """Three links whirling at tens of radians a second, in rows of 10 ms, once made the tool refuse four good recordings for the sake of one."""
+    wild, calm = record(rig, seed=0), record(rig, seed=1)
+    paths = [tmp_path / "wild.csv", tmp_path / "calm.csv"]
+    # What rows cannot follow looks like this, as far as torques go.
+    write_table(table(in_degrees(wild, velocities="none"), rig), paths[0])
+    write_table(table(calm, rig), paths[1])
+    assert "degrees are suspected" in refusal(paths[0], rig)
+    assert len(read_recordings(paths, rig)) == 2
