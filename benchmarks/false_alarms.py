@@ -16,7 +16,7 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -38,6 +38,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import Effect
 
 RECORDINGS, SECONDS, PERIOD, TIMESTEP = 4, 8.0, 0.01, 0.001
 
@@ -116,17 +117,27 @@ def make(seed: int, folder: Path) -> dict[str, Any]:
     return {"kinds": kinds, "modes": modes, "noise": noise, "encoder": step, "velocities": velocities, "feedback": feedback, "fine": fine}
 
 
-def record(rig: Rig, rng: np.random.Generator, path: Path, noise: float, encoder: float, velocities: bool, feedback: bool) -> None:
-    """Drive the rig for `SECONDS` and write what its sensors read."""
+def record(
+    rig: Rig,
+    rng: np.random.Generator,
+    path: Path,
+    noise: float,
+    encoder: float,
+    velocities: bool,
+    feedback: bool,
+    seconds: float = SECONDS,
+    effects: Sequence[Effect] = (),
+) -> None:
+    """Drive the rig, changed by `effects`, for `seconds` and write what its sensors read."""
     n = len(rig.joints)
-    world = rig.world(substeps=round(PERIOD / rig.timestep))
-    rows = round(SECONDS / PERIOD)
+    world = rig.world(effects, substeps=round(PERIOD / rig.timestep))
+    rows = round(seconds / PERIOD)
     passive = np.array([rig.modes[joint] == "passive" for joint in rig.joints])
     servo = np.array([rig.modes[joint] == "position" for joint in rig.joints])
     world.set_state(np.where(passive, rng.uniform(-1.2, 1.2, n), rng.uniform(-0.5, 0.5, n)), np.zeros(n))
     # About what it takes to hold each joint level.
     size = np.maximum(np.abs(world.inverse_dynamics([np.pi / 2] * n, [0.0] * n, [0.0] * n)), 0.1) * rng.uniform(0.3, 0.8)
-    wish = [_signal(rng) for _ in range(n)]
+    wish = [_signal(rng, seconds) for _ in range(n)]
     data = np.empty((rows, 1 + 3 * n))
     for row in range(rows):
         time = row * PERIOD
@@ -143,14 +154,14 @@ def record(rig: Rig, rng: np.random.Generator, path: Path, noise: float, encoder
     np.savetxt(path, data[:, : len(columns)], delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
 
 
-def _signal(rng: np.random.Generator) -> Callable[[float], float]:
+def _signal(rng: np.random.Generator, seconds: float) -> Callable[[float], float]:
     """A command within about ±1: sines, steps or noise that is held for a while."""
     kind = rng.integers(3)
     if kind == 0:
         parts = [(rng.uniform(0.2, 0.6), rng.uniform(0.2, 2.0), rng.uniform(0, 2 * np.pi)) for _ in range(3)]
         return lambda time: float(sum(a * np.sin(2 * np.pi * f * time + phase) for a, f, phase in parts))
     hold = rng.uniform(0.3, 1.0) if kind == 1 else 0.05
-    values = rng.uniform(-1, 1, int(SECONDS / hold) + 2)
+    values = rng.uniform(-1, 1, int(seconds / hold) + 2)
     return lambda time: float(values[int(time / hold)])
 
 

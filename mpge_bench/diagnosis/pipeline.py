@@ -6,7 +6,6 @@ data -> predict -> hypotheses -> fit -> choose -> verdict -> report
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +31,6 @@ from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
-from mpge_bench.envs.compiled import begin_budget
 from mpge_bench.envs.effects import Effect
 from mpge_bench.files import write_text
 
@@ -89,8 +87,7 @@ def diagnose(
     Raises:
         UserError: if the nominal simulation is unstable.
     """
-    begun = begin_budget()
-    clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
+    clock = Clock.started(seconds, settings.choose)
     if not rig.is_tree:
         if progress:
             progress.stage("fitting models", 0)

@@ -184,7 +184,9 @@ class ChooseSettings:
     twins: int = _setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")
     curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
     mostly: float = _setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
-    search_share: float = _setting(0.65, "of the time budget", "after which nothing new is begun, so that what is under way ends within it")
+    reserved: float = _setting(0.18, "share of the time budget", "in which nothing new is begun: what is under way ends, and the verdict is reached")
+    reserved_least: float = _setting(10.0, "s", "of small budgets more: so long the verdict takes where there are a few joints")
+    reserved_most: float = _setting(0.35, "share of the time budget", "but no more, or nothing would be searched for")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import with_a_past
-from mpge_bench.diagnosis.predict.simulated import error_at_once
+from mpge_bench.diagnosis.predict.simulated import RestartedRecording
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
@@ -26,13 +26,12 @@ ExportedError = Callable[[tuple[Effect, ...]], float]
 def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
     """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable."""
     judged = [with_a_past(one, problem.horizon, problem.settings.predict) for one in recordings]
+    restarted = [RestartedRecording(problem.rig, one, problem.horizon, problem.settings) for one in recordings]
 
     @functools.cache
     def error(effects: tuple[Effect, ...]) -> float:
         try:
-            predictions = [
-                error_at_once(problem.rig, one, problem.horizon, effects, problem.settings)[rows] for one, rows in zip(recordings, judged, strict=True)
-            ]
+            predictions = [one.error(effects)[rows] for one, rows in zip(restarted, judged, strict=True)]
         except UserError:
             return math.inf
         return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))

@@ -8,7 +8,7 @@ import numpy as np
 
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
-from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.effects import Effect
@@ -34,7 +34,8 @@ def _needed(trials: Trials, chosen: Model) -> Model:
     while 1 < len(chosen.effects) <= trials.settings.most and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
         fitter, known = problem.fitter(chosen.effects), trials.known()
-        for less, _ in trials.polished([effects for effects in fewer if key(effects) not in known and _near(trials, fitter, effects, chosen)]):
+        roughly = trials.each(_roughly, (fitter,), [effects for effects in fewer if key(effects) not in known])
+        for less, _ in trials.polished([effects for effects, cost in roughly if cost < _near(trials, chosen)]):
             trials.add(less)
         known = trials.known()
         kept = [known[key(effects)] for effects in fewer if key(effects) in known and not trials.is_better(known[key(effects)], chosen)]
@@ -44,9 +45,14 @@ def _needed(trials: Trials, chosen: Model) -> Model:
     return chosen
 
 
-def _near(trials: Trials, fitter: LinearFitter, effects: Sequence[Effect], chosen: Model) -> bool:
-    """Whether `effects` could come near `chosen`, by a fit in the simulator linearised about the latter."""
-    return fitter.chi_square(fitter.fit(effects).cost) < trials.settings.near * max(chosen.train, 1.0)
+def _near(trials: Trials, chosen: Model) -> float:
+    """How much a model that could take the place of `chosen` may miss when it is fitted roughly."""
+    return trials.settings.near * max(chosen.train, 1.0)
+
+
+def _roughly(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> tuple[Sequence[Effect], float]:
+    """`effects`, and how near they come at best in the simulator that `fitter` has, linearised about other effects."""
+    return effects, fitter.chi_square(fitter.fit(effects).cost)
 
 
 def _plainer(trials: Trials, chosen: Model) -> Model:
@@ -65,7 +71,7 @@ def _plainer(trials: Trials, chosen: Model) -> Model:
                 if trials.cut_short("trying plainer effects"):
                     continue
                 fitter = fitter or problem.fitter(chosen.effects)
-                if not _near(trials, fitter, kin, chosen):
+                if _roughly(problem, fitter, kin)[1] >= _near(trials, chosen):
                     continue
                 plain = trials.add(trials.converged(*polished(problem, kin))[0])
             if not trials.is_better(plain, chosen):

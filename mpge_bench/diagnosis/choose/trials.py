@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,7 +18,7 @@ from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished, unforgiven
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, label
 from mpge_bench.diagnosis.settings import ChooseSettings
-from mpge_bench.envs.compiled import is_past
+from mpge_bench.envs.compiled import begin_budget, is_past
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of, values_of
 
@@ -30,6 +31,15 @@ class Clock:
 
     begun: float
     deadline: float
+
+    @classmethod
+    def started(cls, seconds: float | None, settings: ChooseSettings) -> Clock:
+        """Now, with a time budget of `seconds`, None for as long as it takes; what the settings reserve of it is left for what comes after the search."""
+        begun = begin_budget()
+        if seconds is None:
+            return cls(begun, math.inf)
+        reserve = max(settings.reserved * seconds, min(settings.reserved_least, settings.reserved_most * seconds))
+        return cls(begun, begun + seconds - reserve)
 
     @property
     def late(self) -> bool:

@@ -12,6 +12,10 @@ from typing import Any
 
 from mpge_bench.envs.compiled import is_past
 
+#: Lots that each process gets of a list of items: one alone would leave it idle while another works on a long item, each item by itself would send
+#: what they share (10 MB and more) as often.
+LOTS = 3
+
 
 class Workers:
     """A pool of `jobs` processes, or this process alone if that is 1; closed on leaving the context, whatever is still under way."""
@@ -35,16 +39,16 @@ class Workers:
         """`work(*shared, item)` for each of `items`, in their order; `work` is a function of a module.
 
         Args:
-            deadline: s of the monotonic clock, which all processes share, after which a process begins no item but its first: the others are left out.
+            deadline: s of the monotonic clock, which all processes share, after which only the first items are begun, one a process: the others are left out.
         """
         if self._pool is None or len(items) < 2:
-            return _lot(work, shared, items, deadline)
-        lots = [items[index :: self._jobs] for index in range(self._jobs)]
-        done = [self._pool.submit(_lot, work, shared, lot, deadline) for lot in lots if lot]
+            return _lot(work, shared, items, deadline, least=1)
+        count = min(LOTS * self._jobs, len(items))
+        done = [self._pool.submit(_lot, work, shared, items[index::count], deadline, int(index < self._jobs)) for index in range(count)]
         results: dict[int, Any] = {}
         for index, future in enumerate(done):
             for place, result in enumerate(future.result()):
-                results[place * self._jobs + index] = result
+                results[place * count + index] = result
         return [results[place] for place in sorted(results)]
 
 
@@ -53,10 +57,11 @@ def _begin() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any], deadline: float) -> list[Any]:
+def _lot(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any], deadline: float, least: int) -> list[Any]:
+    """Of the `items`, after the `deadline` only the first `least`."""
     results: list[Any] = []
     for item in items:
-        if results and is_past(deadline):
+        if len(results) >= least and is_past(deadline):
             break
         results.append(work(*shared, item))
     return results

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +71,12 @@ class Motion:
     def intervals(self) -> Array:
         """Time to the next row, s, shape (r, k); 0 at the last."""
         return np.concatenate((np.diff(self.time, axis=1), np.zeros((len(self.time), 1))), 1)
+
+    @cached_property
+    def references(self) -> tuple[Array, ...]:
+        """Reference q and dq at all rows of each recording's file, shape (rows of the file, 2 j)."""
+        rows = zip(self.recordings, self.time, self.state, self.rows, strict=True)
+        return tuple(motion_at(time[:count], state[:count], recording.time) for recording, time, state, count in rows)
 
     def following(self) -> Array:
         """Reference at the next row, shape (r, k, 2 j); at the last row its own."""

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.checks import Measurements
-from mpge_bench.diagnosis.data.motion import motion_at
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
@@ -90,12 +89,7 @@ class Problem:
 
         Hidden states are warmed up along the reference of `linear`.
         """
-        motion = linear.motion
-        along = [
-            motion_at(motion.time[r, :rows], motion.state[r, :rows], recording.time)
-            for r, (rows, recording) in enumerate(zip(motion.rows, self.recordings, strict=True))
-        ]
-        return self.simulated(parts).predict(effects, starts, along)
+        return self.simulated(parts).predict(effects, starts, linear.motion.references)
 
     def _in_simulator(self, predictor: WindowPredictor, effects: Sequence[Effect]) -> WindowPredictor:
         """`predictor` with what the simulator makes of half the physics step and, where motors answer to the joints' motion, of their starting states.

@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.bullet import BulletPredictor, stretches
 from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, Warm, mechanism
+from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.torques import warm_up
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
@@ -60,6 +61,8 @@ class SimulatedWindows:
             every, u, place = self._stepped(recordings[r], own)
             steps.setdefault(every, []).append((window, u, place))
         self._grids = [_grid(every, found) for every, found in sorted(steps.items())]
+        # By the identity of the references, which are kept with it, so that no others can have it.
+        self._warm: Memory[tuple[int, float], tuple[Sequence[Array], Warm]] = Memory(2)
 
     def predict(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array]) -> Array | None:
         """What the sensors would read in every window if the mechanism with `effects` began it in the state of `starts`.
@@ -144,6 +147,9 @@ class SimulatedWindows:
 
     def _warmed(self, references: Sequence[Array], seconds: float) -> Warm:
         """The motion of `references` in the `seconds` before each window."""
+        return self._warm.get((id(references), seconds), lambda: (references, self._motion_before(references, seconds)))[1]
+
+    def _motion_before(self, references: Sequence[Array], seconds: float) -> Warm:
         layout = self._rig.layout
         before = [self._steps_before(self._recordings[r], int(rows[0]), seconds) for r, rows in zip(self._recording, self._rows, strict=True)]
         count = np.array([len(at) for at, _ in before], np.int64)
@@ -177,28 +183,35 @@ class SimulatedWindows:
         return seen[:, back:]
 
 
-def error_at_once(rig: Rig, recording: Recording, horizon: float, effects: Sequence[Effect], settings: DiagnosisSettings = DEFAULT) -> Array:
-    """What `predicted` misses of the recorded positions, shape (rows, joints), all its stretches at once.
+class RestartedRecording:
+    """A recording as a rig predicts it, restarted from the recorded state every `horizon` s: `predicted`, all its stretches at once."""
 
-    Raises:
-        UserError: if the simulation becomes unstable.
-    """
-    predictor = BulletPredictor(rig, effects, settings)
-    q, dq, _ = differentiate(recording, settings.data)
-    starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
-    missed = np.zeros_like(recording.q)
-    # A stretch of one row is the recording.
-    parts = [part for part in stretches(recording, horizon) if part[1] - part[0] > 1]
-    if not parts:
+    def __init__(self, rig: Rig, recording: Recording, horizon: float, settings: DiagnosisSettings = DEFAULT) -> None:
+        self._rig, self._recording, self._settings = rig, recording, settings
+        self._motion = differentiate(recording, settings.data)
+        # A stretch of one row is the recording.
+        parts = [part for part in stretches(recording, horizon) if part[1] - part[0] > 1]
+        longest = max((end - first for first, end in parts), default=0)
+        self._rows = np.array([np.minimum(np.arange(first, first + longest), end - 1) for first, end in parts])
+        self._windows = SimulatedWindows(rig, [recording], np.zeros(len(parts), np.int64), self._rows, settings) if parts else None
+
+    def error(self, effects: Sequence[Effect]) -> Array:
+        """What of the recorded positions the rig with `effects` misses, shape (rows, joints).
+
+        Raises:
+            UserError: if the simulation becomes unstable.
+        """
+        recording, (q, dq, _) = self._recording, self._motion
+        missed = np.zeros_like(recording.q)
+        if self._windows is None:
+            return missed
+        predictor = BulletPredictor(self._rig, effects, self._settings)
+        starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
+        found = self._windows.predict(effects, starts[self._rows[:, 0]], [smooth])
+        if found is None:
+            raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in the rig")
+        missed[self._rows] = self._rig.layout.q(found) - recording.q[self._rows]
         return missed
-    longest = max(end - first for first, end in parts)
-    rows = np.array([np.minimum(np.arange(first, first + longest), end - 1) for first, end in parts])
-    windows = SimulatedWindows(rig, [recording], np.zeros(len(parts), np.int64), rows, settings)
-    found = windows.predict(effects, starts[rows[:, 0]], [smooth])
-    if found is None:
-        raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in the rig")
-    missed[rows] = rig.layout.q(found) - recording.q[rows]
-    return missed
 
 
 def _grid(every: int, found: Sequence[tuple[int, Array, Array]]) -> _Grid:

@@ -6,7 +6,6 @@ episodes -> replay -> hypotheses -> evidence -> choose -> verdict -> report
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,6 @@ from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.verdict import concluded
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs import Task, yaml12
-from mpge_bench.envs.compiled import begin_budget
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.robots import Robot
 from mpge_bench.files import write_text
@@ -98,8 +96,7 @@ def unmask(
     Raises:
         UserError: if the transitions are not the robot's.
     """
-    begun = begin_budget()
-    clock = Clock(begun, math.inf if seconds is None else begun + settings.choose.search_share * seconds)
+    clock = Clock.started(seconds, settings.choose)
     replay, parts = settings.replay, parted(robot, target, own, settings.replay)
     options = hypotheses(robot, parts.fitted.episodes, replay)
     if progress:

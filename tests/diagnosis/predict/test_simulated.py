@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.bullet import BulletPredictor, predicted, rows_in_bullet
 from mpge_bench.diagnosis.predict.fast.rollout import steered
 from mpge_bench.diagnosis.predict.fast.trees import flat_tree
-from mpge_bench.diagnosis.predict.simulated import SimulatedWindows, error_at_once
+from mpge_bench.diagnosis.predict.simulated import RestartedRecording, SimulatedWindows
 from mpge_bench.diagnosis.predict.windows import windows_of
 from mpge_bench.envs.effects import (
     Armature,
@@ -97,7 +97,7 @@ def test_errors_of_all_stretches_are_those_of_a_prediction_in_pybullet(case: Cas
     effects = [Delay("shoulder", 0.02), SensorBias("elbow", 0.1)]
     recording = case.recordings[1]
     expected = predicted(case.rig, recording, horizon, effects).q - recording.q
-    assert error_at_once(case.rig, recording, horizon, effects) == pytest.approx(expected, abs=1e-11)
+    assert RestartedRecording(case.rig, recording, horizon).error(effects) == pytest.approx(expected, abs=1e-11)
 
 
 def test_windows_that_reach_an_end_stop_are_pybullets_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening
-from mpge_bench.diagnosis.predict.simulated import error_at_once
+from mpge_bench.diagnosis.predict.simulated import RestartedRecording
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.conclude import proven
 from mpge_bench.diagnosis.verdict.confusions import rivals
@@ -62,4 +62,4 @@ def test_nobody_is_blamed_for_hidden_states_before_the_first_row(rig: Rig) -> No
     truth = Lag("elbow", 0.1)
     begun_before = record(rig, [truth], seconds=4.0).rows(slice(30, None))
     assert exported_error(problem, [begun_before])((truth,)) < 1e-4
-    assert np.abs(error_at_once(rig, begun_before, 0.5, (truth,))[:50]).max() > 1e-3
+    assert np.abs(RestartedRecording(rig, begun_before, 0.5).error((truth,))[:50]).max() > 1e-3
