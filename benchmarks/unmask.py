@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.table import Table
@@ -64,19 +65,37 @@ def run(
 
 @app.command()
 def table(out: Path) -> None:
-    """Print what `run` has written."""
-    shown = Table("pair", "noise", "verdict", "truth", "found", "s")
+    """Print what `run` has written; with noise, how many of the true numbers lie in their 95% intervals, where effect and target are right."""
+    shown = Table("pair", "noise", "verdict", "truth", "found", "in intervals", "s")
+    counts = np.zeros(2, int)
     for path in sorted(out.glob("*.json")):
         data = json.loads(path.read_text())
+        inside = _inside(data)
         shown.add_row(
             data["pair"] + (" (source)" if data["nothing"] else ""),
             f"{data['noise']:g}",
             data["diagnosis"]["verdict"],
             _said(data["truth"]),
             _said(data["found"]),
+            "{} of {}".format(*inside) if data["noise"] and inside[1] else "",
             f"{data['seconds']:.0f}",
         )
-    Console(width=200).print(shown)
+        counts += inside if data["noise"] else (0, 0)
+    console = Console(width=200)
+    console.print(shown)
+    console.print(f"{counts[0]} of {counts[1]} numbers in their intervals")
+
+
+def _inside(data: dict[str, Any]) -> tuple[int, int]:
+    """How many of the true numbers lie in their intervals, and of how many; of effects that were found where they are."""
+    truth = {(one["effect"], one["target"]): one for one in data["truth"]}
+    inside = []
+    for found in data["diagnosis"]["effects"]:
+        true = truth.get((found["effect"], found["target"]), {})
+        for name, told in found["parameters"].items():
+            if name in true and told.get("low") is not None:
+                inside += np.ravel((np.array(told["low"]) <= true[name]) & (np.array(true[name]) <= told["high"])).tolist()
+    return sum(inside), len(inside)
 
 
 def _said(effects: list[dict[str, Any]]) -> str:
