@@ -103,15 +103,42 @@ class World:
         bouncing: bool = False,
         seen: bool = False,
     ) -> None:
-        self.timestep = timestep
-        self.substeps = substeps
+        self.timestep, self.substeps = timestep, substeps
         self._rubbed = False
         disconnect_dropped()
         self._client: int = bullet.connect(bullet.DIRECT)
         weakref.finalize(self, _dropped.append, self._client)
         model = model.copy() if isinstance(model, Model) else Model(model)
         self.floating = model.floating
-        for name, inertia in (armature or {}).items():
+        self._change(model, armature or {}, effects)
+        wheels = model.take_flywheels() if model.flywheels else None
+        self._body = self._load(visible(model.text()) if seen else model.text(), model)
+        # Bullet lets no joint be faster than 100 rad/s. The robots with `armature` keep this bound: their published results are with it.
+        self._index(model, bounded=bool(armature) and not self.floating)
+        #: Where each joint is driven: the body, its joints, and their places among `joints`; the flywheel's, if it has one.
+        self._drives = [(self._body, self._q_index, list(range(len(self.joints))))]
+        self._flywheels: list[int] = []
+        if wheels is not None:
+            self._add_flywheels(wheels, model)
+        for loop in loops:
+            self._close(loop)
+        if friction is not None:
+            self._lay_ground(model.ground, friction, seen=seen)
+        elif model.ground != Ground():
+            raise UserError("an effect moves the ground, and there is none here; take the effect out")
+        if bouncing or model.bounces():
+            self._let_bounce()
+        self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
+        bullet.setGravity(*self._gravity, physicsClientId=self._client)
+        self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
+        self._geared_hard = 1.0 in model.rotors.values()
+        bullet.setPhysicsEngineParameter(numSolverIterations=iterations, deterministicOverlappingPairs=1, physicsClientId=self._client)
+        self._take_up(self.effects)
+        self._begin()
+
+    def _change(self, model: Model, armature: Mapping[str, float], effects: Sequence[Effect]) -> None:
+        """Give `model` its rotors, and let the effects change it."""
+        for name, inertia in armature.items():
             model.add_rotor(name, inertia, carried=not model.floating)
         for name, inertia in model.armature.items():
             model.add_rotor(name, inertia)
@@ -133,22 +160,22 @@ class World:
             except UserError as error:
                 raise UserError(f"effect {effect.name}: {error}") from error
         model.free_base()
-        wheels = model.take_flywheels() if model.flywheels else None
-        self._body = self._load(visible(model.text()) if seen else model.text(), model)
+
+    def _index(self, model: Model, *, bounded: bool) -> None:
+        """Find links, joints and rotors in the loaded body, let go of the joints and gear the rotors to them.
+
+        Args:
+            bounded: whether Bullet's bound on the joints' speed stays.
+        """
         indices = {}
         for index in range(bullet.getNumJoints(self._body, physicsClientId=self._client)):
             info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
             indices[info[1].decode()] = (index, info[12].decode())
-            # Bullet's default drag of 4% a second is no part of any robot here.
-            bullet.changeDynamics(self._body, index, linearDamping=0, angularDamping=0, physicsClientId=self._client)
-            if not armature or self.floating:
-                # Bullet lets no joint be faster than 100 rad/s. The robots with `armature` keep this bound: their published results are with it.
-                bullet.changeDynamics(self._body, index, maxJointVelocity=1e6, physicsClientId=self._client)
+            self._let_fly(self._body, index, bounded=bounded)
         rotors = {name: indices.pop(rotor_of(name))[0] for name in model.rotors}
         self._links = {link: index for index, link in indices.values() if self._mass(index) > 0}
         if self.floating:
-            bullet.changeDynamics(self._body, -1, linearDamping=0, angularDamping=0, physicsClientId=self._client)
-            bullet.changeDynamics(self._body, -1, maxJointVelocity=1e6, physicsClientId=self._client)
+            self._let_fly(self._body, -1)
             self._links = {link_names(self._body, self._client)[-1]: -1, **self._links}
         #: Links that have mass.
         self.links = tuple(self._links)
@@ -158,37 +185,30 @@ class World:
         self._let_go(self._body, self._state_index)
         for (name, ratio), rotor in zip(model.rotors.items(), rotors.values(), strict=True):
             self._gear(self._body, rotor, indices[name][0], -ratio)
-        #: Where each joint is driven: the body, its joints, and their places among `joints`; the flywheel's, if it has one.
-        self._drives = [(self._body, self._q_index, list(range(len(self.joints))))]
-        self._flywheels: list[int] = []
-        if wheels is not None:
-            self._wheel_body = self._load(wheels, model, fixed=True)
-            self._flywheels = [self.joints.index(name) for name in model.flywheels]
-            self._wheels = list(range(len(self._flywheels)))
-            self._geared = [self._q_index[joint] for joint in self._flywheels]
-            self._let_go(self._wheel_body, self._wheels)
-            for wheel, joint in zip(self._wheels, self._flywheels, strict=True):
-                bullet.changeDynamics(self._wheel_body, wheel, linearDamping=0, angularDamping=0, physicsClientId=self._client)
-                bullet.changeDynamics(self._wheel_body, wheel, maxJointVelocity=1e6, physicsClientId=self._client)
-                self._gear(self._wheel_body, wheel, self._q_index[joint], -1.0)
-            plain = [joint for joint in range(len(self.joints)) if joint not in self._flywheels]
-            self._drives = [(self._wheel_body, self._wheels, self._flywheels)]
-            if plain:
-                self._drives.append((self._body, [self._q_index[joint] for joint in plain], plain))
-        for loop in loops:
-            self._close(loop)
-        if friction is not None:
-            self._lay_ground(model.ground, friction, seen=seen)
-        elif model.ground != Ground():
-            raise UserError("an effect moves the ground, and there is none here; take the effect out")
-        if bouncing or model.bounces():
-            self._let_bounce()
-        self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
-        bullet.setGravity(*self._gravity, physicsClientId=self._client)
-        self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
-        self._geared_hard = 1.0 in model.rotors.values()
-        bullet.setPhysicsEngineParameter(numSolverIterations=iterations, deterministicOverlappingPairs=1, physicsClientId=self._client)
-        self._take_up(self.effects)
+
+    def _let_fly(self, body: int, index: int, *, bounded: bool = False) -> None:
+        """Take Bullet's default drag of 4% a second, which is no part of any robot here, and, but where it is to stay, its bound on speeds off a link."""
+        bullet.changeDynamics(body, index, linearDamping=0, angularDamping=0, physicsClientId=self._client)
+        if not bounded:
+            bullet.changeDynamics(body, index, maxJointVelocity=1e6, physicsClientId=self._client)
+
+    def _add_flywheels(self, wheels: bytes, model: Model) -> None:
+        """Load the `wheels`, gear each to its joint and drive the joint through it."""
+        self._wheel_body = self._load(wheels, model, fixed=True)
+        self._flywheels = [self.joints.index(name) for name in model.flywheels]
+        self._wheels = list(range(len(self._flywheels)))
+        self._geared = [self._q_index[joint] for joint in self._flywheels]
+        self._let_go(self._wheel_body, self._wheels)
+        for wheel, joint in zip(self._wheels, self._flywheels, strict=True):
+            self._let_fly(self._wheel_body, wheel)
+            self._gear(self._wheel_body, wheel, self._q_index[joint], -1.0)
+        plain = [joint for joint in range(len(self.joints)) if joint not in self._flywheels]
+        self._drives = [(self._wheel_body, self._wheels, self._flywheels)]
+        if plain:
+            self._drives.append((self._body, [self._q_index[joint] for joint in plain], plain))
+
+    def _begin(self) -> None:
+        """Take the snapshot from which every state is set, and go to the first."""
         # restoreState forgets the contacts of the moment only if the snapshot has contacts of its own: take it where the robot is in the ground.
         bullet.performCollisionDetection(physicsClientId=self._client)
         self._snapshot: int = bullet.saveState(physicsClientId=self._client)

@@ -26,7 +26,7 @@ from safetensors.torch import save_file
 from mpge_bench import numerics, policies
 from mpge_bench.baselines.evaluation import EPISODES, SEED, returns
 from mpge_bench.baselines.grounding.store import save_grounding
-from mpge_bench.baselines.method import Result
+from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
 from mpge_bench.baselines.presets import load_settings, parse_overrides, settings_from
 from mpge_bench.baselines.problem import Problem
@@ -159,29 +159,14 @@ def run(
         policy = _checked(result.policy, settings.method, task)
         progress.stage("evaluation", 0)
         evaluated = time.monotonic()
-        measured = _measured(settings, result, policy, known, problem)
-        curve = _curve(task, result)
         data = {
-            "schema": SCHEMA,
-            **asdict(settings),
-            "overrides": list(settings.overrides),
-            "task": task.name,
-            "address": settings.task,
-            "variant": settings.variant,
-            "pair": task.to_dict(),
-            "fingerprints": task.fingerprints(),
-            "access": sorted(method.access),
-            "settings": asdict(chosen),
+            **_asked(settings, task, method, chosen),
             "target_samples": problem.drawn,
             "references": known.made_from,
-            **measured,
+            **_measured(settings, result, policy, known, problem),
             "oracle": _oracle(result, settings.method, task, known, policy),
             "learning": learning(result.episodes, settings.samples),
-            "grounding": "grounding.safetensors" if result.grounding and save_grounding(partial / "grounding.safetensors", result.grounding) else None,
-            "curve": "curve.parquet" if len(curve) else None,
-            "episodes": "episodes.parquet" if result.episodes else None,
-            "residuals": "residuals.parquet" if result.residuals is not None else None,
-            "policy": "policy.safetensors",
+            **_stored(partial, result, policy, task),
             "report": result.report,
             "simulator_steps": {"grounding": result.steps.get("grounding", 0), "agent": result.steps.get("agent", 0)},
             "wall_clock_s": {
@@ -193,22 +178,50 @@ def run(
             "commit": commit(),
             "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs, "fixed_code_path": numerics.is_fixed()},
         }
-        if len(curve):
-            curve.to_parquet(partial / "curve.parquet")
-        if result.episodes:
-            pd.DataFrame(result.episodes, columns=["samples", "return"]).to_parquet(partial / "episodes.parquet")
-        if result.residuals is not None:
-            result.residuals.to_parquet(partial / "residuals.parquet")
-            from mpge_bench.harness.residuals import draw_residuals  # a second of matplotlib, for one method
-
-            draw_residuals(result.residuals, task.robot, partial / "residuals.png")
-        save_file(_weights(policy), partial / "policy.safetensors")
         written = json.dumps(data, indent=1, default=_plain)
         (partial / "result.json").write_text(written + "\n")
         shutil.rmtree(folder, ignore_errors=True)
         (partial / _LOCK).unlink()
         partial.replace(folder)
     return dict(json.loads(written))
+
+
+def _asked(settings: RunSettings, task: Task, method: Method, chosen: Any) -> dict[str, Any]:
+    """What a result says of what was run."""
+    return {
+        "schema": SCHEMA,
+        **asdict(settings),
+        "overrides": list(settings.overrides),
+        "task": task.name,
+        "address": settings.task,
+        "variant": settings.variant,
+        "pair": task.to_dict(),
+        "fingerprints": task.fingerprints(),
+        "access": sorted(method.access),
+        "settings": asdict(chosen),
+    }
+
+
+def _stored(folder: Path, result: Result, policy: Policy, task: Task) -> dict[str, str | None]:
+    """Write what stands beside a result, and say under which names; None for what there is not."""
+    curve = _curve(task, result)
+    if len(curve):
+        curve.to_parquet(folder / "curve.parquet")
+    if result.episodes:
+        pd.DataFrame(result.episodes, columns=["samples", "return"]).to_parquet(folder / "episodes.parquet")
+    if result.residuals is not None:
+        result.residuals.to_parquet(folder / "residuals.parquet")
+        from mpge_bench.harness.residuals import draw_residuals  # a second of matplotlib, for one method
+
+        draw_residuals(result.residuals, task.robot, folder / "residuals.png")
+    save_file(_weights(policy), folder / "policy.safetensors")
+    return {
+        "grounding": "grounding.safetensors" if result.grounding and save_grounding(folder / "grounding.safetensors", result.grounding) else None,
+        "curve": "curve.parquet" if len(curve) else None,
+        "episodes": "episodes.parquet" if result.episodes else None,
+        "residuals": "residuals.parquet" if result.residuals is not None else None,
+        "policy": "policy.safetensors",
+    }
 
 
 @contextmanager
