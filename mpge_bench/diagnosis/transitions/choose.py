@@ -280,10 +280,12 @@ class Search:
         nominal = model_of(self.drafted(self.models[frozenset()]), (), (), self.glance, self.settings)
         columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
         known = [look(nominal, one, self.settings) for one in columns]
-        for one in sorted(known, key=lambda one: (one.hypotheses[0].size, -one.gain)):
-            if self.late("one effect in the place of several"):
-                break
-            draft = fitted(self.replay, one.hypotheses, one.start, self.few, self.settings, self.settings.iterations_polish)
+        least = self.settings.promising * max((one.gain for one in known), default=0.0)
+        known = sorted((one for one in known if one.gain > least), key=lambda one: (one.hypotheses[0].size, -one.gain))
+        if self.late("one effect in the place of several"):
+            return model
+        drafts: list[Model] = self.each(_alone, (self.replay, self.few, self.settings), known)  # type: ignore[assignment]
+        for draft in drafts:
             # Only one that is as near has a chance.
             if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
                 continue
@@ -334,6 +336,11 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
 def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
     """The beginning of a fit."""
     return fitted(replay, (*model.hypotheses, *look.hypotheses), (*model.values, *look.start), rows, settings, settings.iterations_first)
+
+
+def _alone(replay: Predictor, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
+    """What is looked at, without anything beside it."""
+    return fitted(replay, look.hypotheses, look.start, rows, settings, settings.iterations_polish)
 
 
 def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:
