@@ -479,6 +479,63 @@ def leaderboard(
 
 
 @app.command()
+def verify(
+    results: Annotated[list[Path], typer.Argument(help="Result files, or folders with results below them.")],
+    form: Annotated[bool, typer.Option("--form", help="Look at files and entries alone; nothing is measured again.")] = False,
+) -> None:
+    """Check results: their form, their physics, and their figures, measured again from the policies and groundings that lie beside them.
+
+    Examples: python -m mpge_bench verify leaderboard/results/biased_pendulum
+
+    python -m mpge_bench verify runs/broken_hopper/mine --form
+
+    Returns are of 50 episodes that no run was measured on; they may differ from the stated ones as two means of so many episodes do (one honest result in a
+    thousand differs by more). Action errors are of the same random steps. What a method did to get there is not repeated: `run` does that, the settings are in
+    result.json. Exit status 1 if something is wrong.
+    """
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.leaderboard.verify import faults, measured_again, results_in
+
+    wrong, paths = 0, results_in(results)
+    drawn = Table("result", "what", "stated", "found", "may differ by", "")
+    with ConsoleProgress("verify") as progress:
+        for path in paths:
+            found = faults(path)
+            checks = [] if form or found else measured_again(path, progress)
+            wrong += bool(found) or not all(one.agrees for one in checks)
+            for line in found:
+                drawn.add_row(str(path.parent), line, "", "", "", "wrong")
+            for one in checks:
+                drawn.add_row(str(path.parent), one.what, f"{one.stated:.5g}", f"{one.found:.5g}", f"{one.within:.2g}", "" if one.agrees else "wrong")
+    if drawn.row_count:
+        _wide().print(drawn)
+    _out.print(f"{len(paths) - wrong} of {len(paths)} results are in order.")
+    if wrong:
+        raise typer.Exit(1)
+
+
+@app.command()
+def compare(
+    one: Annotated[Path, typer.Argument(help="Folder with results.")],
+    other: Annotated[Path, typer.Argument(help="Folder with results to hold them against.")],
+) -> None:
+    """Say whether two sets of results differ beyond chance.
+
+    Examples: python -m mpge_bench compare runs/mine leaderboard/results/broken_hopper/mpge
+
+    Held against each other are runs of the same pair; of the same method, number of target samples and preset, too, wherever one of the folders has several.
+    Probability of improvement is rliable's: how often a run of the first scores more than one of the second. p: the share of all ways to deal
+    the runs anew, within each row, that part the two sets at least as far as they are.
+    """
+    from mpge_bench.leaderboard.compare import compared
+    from mpge_bench.leaderboard.results import collect
+
+    found = compared(collect(one), collect(other))
+    _wide().print(found.sheet((str(one), str(other))).table())
+    _out.print(found.verdict(), markup=False, soft_wrap=True)
+
+
+@app.command()
 def tasks(
     task: Annotated[str | None, typer.Argument(help="Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,

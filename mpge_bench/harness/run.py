@@ -156,7 +156,7 @@ def run(
         result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=partial / "tensorboard", jobs=jobs)
         if not isinstance(result, Result):
             raise UserError(f"method {settings.method}: `train` returned a {type(result).__name__}, not a mpge_bench.baselines.method.Result")
-        policy = _checked(result.policy, settings.method, task)
+        policy = _policy_of(settings.method, result.policy, task)
         progress.stage("evaluation", 0)
         evaluated = time.monotonic()
         data = {
@@ -293,11 +293,11 @@ def _rotated(known: PolicySet, seed: int) -> PolicySet:
     return PolicySet([*known.weights[turn:], *known.weights[:turn]], known.limit)
 
 
-def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task) -> Policy:
-    """The policy of a result.
+def checked_policy(found: Mapping[str, torch.Tensor] | Policy, task: Task) -> Policy:
+    """The policy that `found` is, or holds as a state dict.
 
     Raises:
-        UserError: if it does not give finite actions for this robot.
+        UserError: if it does not give finite actions for the task's robot.
     """
     robot = task.robot
     needed = f"a policy of {robot.name} takes {robot.observation_size} observations and gives {len(robot.actuators)} actions"
@@ -308,11 +308,19 @@ def _checked(found: Mapping[str, torch.Tensor] | Policy, method: str, task: Task
         len(policy)
         _weights(policy)
     except Exception as error:  # a user's method may return anything
-        raise UserError(f"method {method}: its policy cannot be used ({one_line(error, named=True)}); {needed}") from error
+        raise UserError(f"its policy cannot be used ({one_line(error, named=True)}); {needed}") from error
     if actions.shape != (2, len(robot.actuators)) or not np.isfinite(actions).all():
         what = f"gives {actions.shape[-1] if actions.ndim == 2 else 'no'} actions" if np.isfinite(actions).all() else "gives actions that are no numbers"
-        raise UserError(f"method {method}: its policy {what}; {needed}")
+        raise UserError(f"its policy {what}; {needed}")
     return policy
+
+
+def _policy_of(method: str, found: Mapping[str, torch.Tensor] | Policy, task: Task) -> Policy:
+    """As `checked_policy`, of a method."""
+    try:
+        return checked_policy(found, task)
+    except UserError as error:
+        raise UserError(f"method {method}: {error}") from error
 
 
 def _weights(policy: Policy) -> dict[str, torch.Tensor]:
@@ -353,7 +361,7 @@ def _oracle(result: Result, method: str, task: Task, known: References, own: Pol
     """
     if not result.sweep:
         return None
-    tried = {label: own if state is result.policy else _checked(state, method, task) for label, state in result.sweep.items()}
+    tried = {label: own if state is result.policy else _policy_of(method, state, task) for label, state in result.sweep.items()}
     means = {label: returns(task.target, policy, seed=SEED + 1).mean for label, policy in tried.items()}
     best = max(means, key=lambda label: means[label])
     scored = returns(task.target, tried[best])

@@ -1,0 +1,167 @@
+"""Whether a result is what it says: its form, its physics, and its figures, measured again from the policy and the grounding that lie beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+
+from mpge_bench.baselines.evaluation import SEED, Returns, returns
+from mpge_bench.baselines.grounding.store import load_grounding
+from mpge_bench.baselines.progress import Progress, Silent
+from mpge_bench.baselines.vector import Transformation
+from mpge_bench.envs import get_task
+from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.harness.metrics import action_transformation_error
+from mpge_bench.harness.result import normalized_return, read_result
+from mpge_bench.harness.run import checked_policy
+
+#: Episodes that no run was measured on: the harness has `SEED`, the choice of an oracle the one after it.
+FRESH = SEED + 2
+#: Standard errors between two means of episodes beyond which they are not of one policy: one honest result in a thousand is.
+_APART = 3.29
+#: Share by which an action error, on the same random steps, may differ: rounding, which grows in a grounded source's motion, makes less.
+_ROUNDING = 0.05
+#: What a result consists of: the kind of each entry, or its own entries; a question mark for what may be null.
+_RETURNS = {"mean": "number", "std": "number", "episodes": "number"}
+_ERROR = {"value": "number?", "source": "number?", "floor": "number?"}
+FORM: Mapping[str, Any] = {
+    **dict.fromkeys(("schema", "task", "address", "method", "preset", "variant", "policy"), "text"),
+    **dict.fromkeys(("grounding", "curve", "episodes", "residuals", "commit"), "text?"),
+    **dict.fromkeys(("samples", "seed", "noise", "target_samples"), "number"),
+    **dict.fromkeys(("overrides", "access"), "list"),
+    **dict.fromkeys(("pair", "settings", "references", "on_policy_mismatch", "report", "versions", "machine"), "mapping"),
+    **dict.fromkeys(("oracle", "learning"), "mapping?"),
+    "normalized_return": "number?",
+    "fingerprints": {"robot": "text", "pair": "text"},
+    "returns": {"policy": _RETURNS, "direct": _RETURNS, "optimal": _RETURNS, "grounded": "mapping?"},
+    "action_transformation_error": _ERROR,
+    "transition_error": _ERROR,
+    "simulator_steps": {"grounding": "number", "agent": "number"},
+    "wall_clock_s": {"grounding": "number", "agent": "number", "evaluation": "number", "total": "number"},
+}
+_KINDS: Mapping[str, type | tuple[type, ...]] = {"text": str, "number": (int, float), "list": list, "mapping": dict}
+
+
+@dataclass(frozen=True)
+class Check:
+    """A figure of a result, measured again.
+
+    Attributes:
+        what: which.
+        stated, found: as the result has it, and as it was measured.
+        within: by how much they may differ.
+    """
+
+    what: str
+    stated: float
+    found: float
+    within: float
+
+    @property
+    def agrees(self) -> bool:
+        return abs(self.found - self.stated) <= self.within
+
+
+def results_in(paths: list[Path]) -> list[Path]:
+    """The result files that `paths`, files and folders, stand for, each once, in order.
+
+    Raises:
+        UserError: if one is not there, or there is no result below it.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        below = [path] if path.is_file() else sorted(path.rglob("result.json"))
+        if not below:
+            raise UserError(f"{path}: no result.json there; give a result file, or a folder with results below it")
+        found |= dict.fromkeys(below)
+    return list(found)
+
+
+def faults(path: Path) -> list[str]:
+    """What is wrong with the form of the result file `path`, a line each: entries, files beside it, physics, budget, and the normalised return."""
+    try:
+        data = read_result(path)
+    except UserError as error:
+        return [str(error).removeprefix(f"{path}: ")]
+    wrong = list(_misfits(data, FORM))
+    if wrong:
+        return wrong
+    beside = {name: data[name] for name in ("policy", "grounding", "curve") if data[name]}
+    wrong += [f"{name}: there is no {file} beside it" for name, file in beside.items() if not (path.parent / file).is_file()]
+    if data["target_samples"] > data["samples"] and "target" not in data["access"]:
+        wrong.append(f"target_samples: {data['target_samples']} were drawn of a budget of {data['samples']}")
+    means = [data["returns"][name]["mean"] for name in ("policy", "direct", "optimal")]
+    normalized = normalized_return(*means)
+    if not _same(normalized, data["normalized_return"]):
+        wrong.append(f"normalized_return: is {data['normalized_return']}, and {normalized} by its returns")
+    try:
+        today = get_task(data["address"]).fingerprints()
+    except UserError as error:
+        return [*wrong, f"address: {one_line(error)}"]
+    if today != data["fingerprints"]:
+        wrong.append(f"fingerprints: {data['fingerprints']}, of other physics than today's {today}; run it again")
+    return wrong
+
+
+def _same(one: float | None, other: float | None) -> bool:
+    return one is other if one is None or other is None else bool(np.isclose(one, other, rtol=1e-9, atol=1e-12))
+
+
+def _misfits(data: Mapping[str, Any], form: Mapping[str, Any], path: str = "") -> Iterator[str]:
+    """What of `data` is missing or of another kind than `form` says."""
+    for name, kind in form.items():
+        place = path + name
+        if name not in data:
+            yield f"{place}: is missing; there is to be a {kind if isinstance(kind, str) else 'mapping'}".replace("?", " or null")
+        elif isinstance(kind, Mapping):
+            if isinstance(data[name], dict):
+                yield from _misfits(data[name], kind, f"{place}.")
+            else:
+                yield f"{place}: is {data[name]!r}, where there is to be a mapping"
+        elif not (data[name] is None and kind.endswith("?")) and (not isinstance(data[name], _KINDS[kind.rstrip("?")]) or isinstance(data[name], bool)):
+            yield f"{place}: is {data[name]!r}, where there is to be a {kind}".replace("?", " or null")
+
+
+def measured_again(path: Path, progress: Progress | None = None) -> list[Check]:
+    """The figures of the result file `path`, whose form has no `faults`, from its policy and grounding.
+
+    Returns in target and grounded source are those of fresh episodes, and may differ from the stated ones as two means of so many episodes do. The action
+    error is that of the same random steps.
+
+    Raises:
+        UserError: if policy or grounding cannot be read or used.
+    """
+    data, progress = read_result(path), progress or Silent()
+    task = get_task(data["address"])
+    file = path.parent / data["policy"]
+    try:
+        policy = checked_policy(load_file(file), task)
+    except (OSError, SafetensorError, UserError) as error:
+        raise UserError(f"{path}: {one_line(error)}") from error
+    progress.stage("target", 0)
+    checks = [_returned("return in the target", data["returns"]["policy"], returns(task.target, policy, seed=FRESH))]
+    grounding = _grounding(path, data)
+    if grounding:
+        progress.stage("grounded source", 0)
+        found = returns(task.source, policy, transformation=grounding, seed=FRESH)
+        checks.append(_returned("return in the grounded source", data["returns"]["grounded"], found))
+        progress.stage("action error", 0)
+        stated = float(data["action_transformation_error"]["value"])
+        checks.append(Check("action-transformation error", stated, action_transformation_error(task, grounding), _ROUNDING * stated + 1e-6))
+    return checks
+
+
+def _grounding(path: Path, data: Mapping[str, Any]) -> Transformation | None:
+    return load_grounding(path.parent / data["grounding"]) if data["grounding"] and data["returns"]["grounded"] else None
+
+
+def _returned(what: str, stated: Mapping[str, float], found: Returns) -> Check:
+    """Two means of episodes of one policy, if it is one."""
+    error = np.hypot(stated["std"] / np.sqrt(stated["episodes"]), found.std / np.sqrt(found.episodes))
+    return Check(what, stated["mean"], found.mean, float(_APART * error + 1e-6 * abs(stated["mean"])))

@@ -1,0 +1,95 @@
+"""Results are checked: their form, and their figures from what lies beside them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from mpge_bench.envs.errors import UserError
+from mpge_bench.leaderboard.verify import faults, measured_again, results_in
+
+STORED = Path(__file__).parents[3] / "leaderboard" / "results" / "biased_pendulum" / "mpg" / "n1000" / "standard" / "seed1"
+
+
+@pytest.fixture
+def result(tmp_path):
+    """A copy of a stored result, to be spoilt."""
+    shutil.copytree(STORED, tmp_path / "seed1")
+    return tmp_path / "seed1" / "result.json"
+
+
+def changed(path, **changes):
+    """Write the result with entries changed, those that are None taken out."""
+    data = json.loads(path.read_text()) | changes
+    path.write_text(json.dumps({name: value for name, value in data.items() if name not in changes or value is not None}))
+
+
+def test_a_stored_result_is_what_it_says(result):
+    assert faults(result) == []
+    checks = measured_again(result)
+    assert [one.what for one in checks] == ["return in the target", "return in the grounded source", "action-transformation error"]
+    assert all(one.agrees for one in checks)
+    # The same steps of the same grounding.
+    assert checks[2].found == pytest.approx(checks[2].stated, rel=0.01)
+
+
+def test_figures_that_the_policy_does_not_have_are_found_out(result):
+    data = json.loads(result.read_text())
+    data["returns"]["policy"]["mean"] *= 1.1
+    data["action_transformation_error"]["value"] *= 0.5
+    result.write_text(json.dumps(data))
+    assert [one.agrees for one in measured_again(result)] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"fingerprints": {"robot": "aa", "pair": "bb"}}, "fingerprints: .*of other physics than today's"),
+        ({"normalized_return": 2.0}, "normalized_return: is 2.0, and .* by its returns"),
+        ({"target_samples": 1200}, "target_samples: 1200 were drawn of a budget of 1000"),
+        ({"returns": {"policy": {"mean": 1.0}}}, r"returns.policy.std: is missing; there is to be a number"),
+        ({"returns": 3}, r"returns: is 3, where there is to be a mapping"),
+        ({"machine": None}, "machine: is missing"),
+        ({"normalized_return": "1"}, "normalized_return: is '1', where there is to be a number or null"),
+        ({"schema": "mpge_bench/run/1"}, "earlier protocol"),
+        ({"address": "nowhere.yaml"}, "address: .*nowhere.yaml"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_in_a_line_each(result, changes, says):
+    changed(result, **changes)
+    found = faults(result)
+    assert any(re.search(says, one) for one in found), found
+    assert all(len(one.splitlines()) == 1 for one in found)
+
+
+def test_files_that_are_not_there_are_named(result):
+    (result.parent / "policy.safetensors").unlink()
+    assert faults(result) == ["policy: there is no policy.safetensors beside it"]
+
+
+def test_a_policy_of_another_robot_is_refused_in_a_line(result):
+    shutil.copy(STORED.parents[4] / "broken_hopper/mpge/n1000/standard/seed2/policy.safetensors", result.parent / "policy.safetensors")
+    with pytest.raises(UserError, match=r"its policy cannot be used .*; a policy of inverted_pendulum takes 4 observations") as refusal:
+        measured_again(result)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_results_are_found_below_folders(result, tmp_path):
+    assert results_in([tmp_path, result]) == [result]
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match=r"no result\.json there"):
+        results_in([tmp_path / "empty"])
+
+
+def test_the_command_ends_with_status_1_where_something_is_wrong(result, in_process):
+    code, out, _ = in_process("verify", result.parent, "--form")
+    assert (code, out) == (0, "1 of 1 results are in order.\n")
+    changed(result, normalized_return=2.0)
+    code, out, _ = in_process("verify", result.parent, "--form")
+    assert code == 1
+    assert "is 2.0, and" in out
+    assert out.endswith("0 of 1 results are in order.\n")
