@@ -120,6 +120,10 @@ class Model:
         other.armature, other.springs, other.flywheels = dict(self.armature), dict(self.springs), dict(self.flywheels)
         return other
 
+    def meshes(self) -> list[ET.Element]:
+        """Those with a file of their own, whose path is absolute."""
+        return [mesh for mesh in self._root.iter("mesh") if Path(mesh.get("filename", "")).is_absolute()]
+
     def text(self) -> bytes:
         """The model as a URDF file."""
         return ET.tostring(self._root)
@@ -317,6 +321,28 @@ class Model:
         if dynamics is None:
             dynamics = ET.SubElement(element, "dynamics")
         dynamics.set("damping", repr(float(damping)))
+
+    def add_losses(self, joint: str, *, damping: float = 0.0, friction: float = 0.0) -> None:
+        """Give `joint` more damping, N m s/rad, and dry friction, N m, than the file's."""
+        element = self._joint(joint)
+        dynamics = element.find("dynamics")
+        if dynamics is None:
+            dynamics = ET.SubElement(element, "dynamics")
+        for key, more in (("damping", damping), ("friction", friction)):
+            dynamics.set(key, repr(float(dynamics.get(key, "0")) + more))
+
+    def forget_efforts(self) -> None:
+        """Drop what the file says of the largest torques."""
+        for limit in self._root.iter("limit"):
+            limit.attrib.pop("effort", None)
+
+    def limit_effort(self, joint: str, torque: float) -> None:
+        """Say that `joint` gets no more than `torque`, N m, for programs that heed it."""
+        element = self._joint(joint)
+        limit = element.find("limit")
+        if limit is None:
+            limit = ET.SubElement(element, "limit", velocity="1e6")
+        limit.set("effort", repr(float(torque)))
 
     def unlimit(self, joint: str) -> None:
         """Let a revolute `joint` turn without end."""

@@ -252,7 +252,8 @@ def diagnose(
     Example: python -m mpge_bench diagnose --task broken_hopper --samples 1000
 
     Several recordings of different motion (fast and slow, with reversals and standstills, every joint moved) tell most. The corrected rig is a rig again:
-    `simulate` and `diagnose` take it. Of a pair the source is corrected: corrected.yaml is a pair again, which `run` and `diagnose` take.
+    `simulate` and `diagnose` take it; corrected.urdf and corrected.xml (MuJoCo) hold as much of it as they can, and say what they cannot. Of a pair the
+    source is corrected: corrected.yaml is a pair again, which `run` and `diagnose` take.
     """
     if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
         raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")
@@ -269,7 +270,8 @@ def diagnose(
         seconds = 75.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
-    _say(found.summary, out, "report.html (open it in a browser), diagnosis.json, corrected.yaml")
+    models = [name for name in ("corrected.urdf", "corrected.xml") if (out / name).exists()]
+    _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *models]))
 
 
 def _diagnose_pair(
@@ -389,6 +391,32 @@ def simulate(
         drawn.add_row(name, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
     _out.print(drawn)
     _out.print(f"Written to {out}: {len(real.time)} rows, restarted every {horizon:g} s", soft_wrap=True)
+
+
+@app.command()
+def export(
+    rig: Annotated[Path, typer.Option(help="YAML file of the mechanism, such as the corrected.yaml that `diagnose` writes.")],
+    out: Annotated[Path, typer.Option(help="File to write: .urdf, or .xml for MuJoCo's format (MJCF).")],
+) -> None:
+    """Write a rig, corrected or not, for other simulators: as URDF or in MuJoCo's format, as far as these can hold its physics.
+
+    Example: python -m mpge_bench export --rig report/corrected.yaml --out corrected.urdf
+
+    URDF holds bodies, viscous and dry friction and limits of torques; MuJoCo's format rotors, springs, weak and biased motors, delays, lags, servos and
+    gravity, too. What a format has no place for is said, and stands in a comment in the file. In MuJoCo's format each motor has the name of its joint.
+    """
+    from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.diagnosis.report.simulators import exported
+    from mpge_bench.files import write_text
+
+    found = exported(read_rig(rig), out)
+    try:
+        write_text(out, found.text)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another file with --out") from error
+    for effect in found.left_out:
+        _out.print(f"Not held by this format: {effect.name} of {effect.target}", markup=False, soft_wrap=True)
+    _out.print(f"Written to {out}", markup=False, soft_wrap=True)
 
 
 @app.command()

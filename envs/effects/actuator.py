@@ -6,11 +6,14 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+
+if TYPE_CHECKING:
+    from mpge_bench.envs.model import Model
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,10 @@ class PositionServo(Effect):
             torque = _pick(wanted != wanted, 0.0, self.kp * (wanted - q[joint]) - self.kd * dq[joint])
         hidden.state = (count + 1, torque)
         command[joint] = torque
+
+    def to_mjcf(self, spec: Any) -> bool:
+        spec.actuator(self.target).set_to_position(kp=self.kp, kv=self.kd)
+        return True
 
     def is_stepwise(self, timestep: float) -> bool:
         # One that acts anew at every physics step is a function of the state.
@@ -81,6 +88,14 @@ class Delay(_Late):
     }
     adds = True
     place = 10
+
+    def to_mjcf(self, spec: Any) -> bool:
+        motor = spec.actuator(self.target)
+        # Of a servo the target angle would be late, not the torque; older versions of MuJoCo have no delays.
+        if motor.biasprm.any() or not hasattr(motor, "delay"):
+            return False
+        motor.delay, motor.nsample = self.seconds, math.ceil(self.seconds / spec.option.timestep) + 1
+        return True
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -131,6 +146,12 @@ class TorqueGain(Effect):
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= self.gain
+
+    def to_mjcf(self, spec: Any) -> bool:
+        motor = spec.actuator(self.target)
+        motor.gainprm[0] *= self.gain
+        motor.biasprm *= self.gain
+        return True
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         return f"The {self.target}'s motor is dead." if self.gain < 0.02 else super().say(intervals, slide=slide)
@@ -190,6 +211,11 @@ class TorqueBias(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.torque
 
+    def to_mjcf(self, spec: Any) -> bool:
+        motor = spec.actuator(self.target)
+        motor.biastype, motor.biasprm[0] = type(motor.biastype).mjBIAS_AFFINE, motor.biasprm[0] + self.torque
+        return True
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"torque": 0.1 * scale.torque}]
@@ -217,6 +243,13 @@ class Lag(Effect):
         share = 1.0 if self.time_constant <= 0 else -math.expm1(-hidden.timestep / self.time_constant)
         hidden.state = command[joint] = reached + share * (command[joint] - reached)
 
+    def to_mjcf(self, spec: Any) -> bool:
+        motor = spec.actuator(self.target)
+        if motor.biasprm.any():  # what would lag is the target angle or the command alone, not the torque
+            return False
+        motor.dyntype, motor.dynprm[0] = type(motor.dyntype).mjDYN_FILTEREXACT, self.time_constant
+        return True
+
     @property
     def forgets(self) -> float:
         return 5 * self.time_constant
@@ -243,6 +276,10 @@ class TorqueLimit(Effect):
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] = _cut(command[joint], self.torque)
+
+    def to_urdf(self, model: Model) -> bool:
+        model.limit_effort(self.target, self.torque)
+        return True
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

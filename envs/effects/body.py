@@ -15,8 +15,16 @@ if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
 
 
+class _OfBody(Effect):
+    """What makes a link another body."""
+
+    def to_urdf(self, model: Model) -> bool:
+        self.install(model)
+        return True
+
+
 @dataclass(frozen=True)
-class MassScale(Effect):
+class MassScale(_OfBody):
     """The link (``"*"``: every link) is `factor` times as dense: its mass and its rotational inertia grow alike, its shape stays.
 
     Rotors (`World`'s armature) are links of their own and stay as they are.
@@ -41,7 +49,7 @@ class MassScale(Effect):
 
 
 @dataclass(frozen=True)
-class InertiaScale(Effect):
+class InertiaScale(_OfBody):
     """The link's rotational inertia about its centre of mass is `factor` times as large; its mass stays."""
 
     factor: float
@@ -61,7 +69,7 @@ class InertiaScale(Effect):
 
 
 @dataclass(frozen=True)
-class ComOffset(Effect):
+class ComOffset(_OfBody):
     """The link's centre of mass lies `x`, `y`, `z` metres off, along the axes of the link's frame; mass and inertia about it stay."""
 
     x: float = 0.0
@@ -88,7 +96,7 @@ class ComOffset(Effect):
 
 
 @dataclass(frozen=True)
-class _PointMass(Effect):
+class _PointMass(_OfBody):
     """A point `mass` fixed to the link; its variants differ in how they say where."""
 
     mass: float
@@ -157,7 +165,7 @@ class AttachedMass(_PointMass):
 
 
 @dataclass(frozen=True)
-class LinkSize(Effect):
+class LinkSize(_OfBody):
     """The link, a capsule, is `length` times as long and `radius` times as thick; density stays, and the joints it carries move out."""
 
     length: float = 1.0

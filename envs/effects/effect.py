@@ -233,6 +233,17 @@ class Effect:
             timestep: interval, s. Before the first row the motion is taken to have gone on at the first row's velocity.
         """
 
+    def to_urdf(self, model: Model) -> bool:
+        """Write it into `model` as a URDF file holds it, for other programs than this; False where URDF has no place for it."""
+        return False
+
+    def to_mjcf(self, spec: Any) -> bool:
+        """Write it into a MuJoCo model (`mujoco.MjSpec`), whose motors have the names of their joints; False where MJCF has no place for it.
+
+        It is asked where URDF has none, in the order in which effects act.
+        """
+        return False
+
     @property
     def goes_by(self) -> str:
         """The signal of its joint, ``"command"``, ``"q"`` or ``"dq"``, that its torque depends on, as far as there is one."""

@@ -41,6 +41,16 @@ class JointSpring(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.stiffness * (self.rest - q[joint])
 
+    def to_mjcf(self, spec: Any) -> bool:
+        joint = spec.joint(self.target)
+        # One number in older versions, in newer ones several, of which the first is that of the linear spring.
+        stiffness = np.atleast_1d(np.array(joint.stiffness, float))
+        if stiffness[0]:  # a joint has one spring
+            return False
+        stiffness[0] = self.stiffness
+        joint.stiffness, joint.springref = stiffness if len(stiffness) > 1 else self.stiffness, self.rest
+        return True
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         stiffness = 0.1 * scale.torque / scale.angle
@@ -68,6 +78,10 @@ class ViscousFriction(Effect):
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] -= self.damping * dq[joint]
+
+    def to_urdf(self, model: Model) -> bool:
+        model.add_losses(self.target, damping=self.damping)
+        return True
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -119,6 +133,10 @@ class CoulombFriction(Effect):
 
     def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
         return self.torque
+
+    def to_urdf(self, model: Model) -> bool:
+        model.add_losses(self.target, friction=self.torque)
+        return True
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -211,6 +229,10 @@ class Armature(Effect):
     def install(self, model: Model) -> None:
         model.add_rotor(self.target, self.inertia)
 
+    def to_mjcf(self, spec: Any) -> bool:
+        spec.joint(self.target).armature += self.inertia
+        return True
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"inertia": 0.1 * scale.inertia}]
@@ -231,6 +253,10 @@ class JointDamping(Effect):
 
     def install(self, model: Model) -> None:
         model.set_damping(self.target, self.damping)
+
+    def to_urdf(self, model: Model) -> bool:
+        self.install(model)
+        return True
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

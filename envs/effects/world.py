@@ -29,6 +29,10 @@ class Gravity(Effect):
     def install(self, model: Model) -> None:
         model.gravity = self.vector
 
+    def to_mjcf(self, spec: Any) -> bool:
+        spec.option.gravity = self.vector
+        return True
+
     @classmethod
     def absent(cls, scale: Scale) -> list[float]:
         return list(scale.gravity)

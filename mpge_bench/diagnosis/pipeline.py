@@ -28,6 +28,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.report.page import report_html
+from mpge_bench.diagnosis.report.simulators import beside_report
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
@@ -128,7 +129,7 @@ def diagnose_files(
     progress: Progress | None = None,
     settings: DiagnosisSettings = DEFAULT,
 ) -> Diagnosis:
-    """`diagnose` on files; writes diagnosis.json, report.html and corrected.yaml to `out`, all at the end and each at once.
+    """`diagnose` on files; writes diagnosis.json, report.html, corrected.yaml and what `beside_report` makes to `out`, all at the end and each at once.
 
     Raises:
         UserError: if a file cannot be used; nothing has been written then.
@@ -142,6 +143,7 @@ def diagnose_files(
         "report.html": report_html(found.result),
         "corrected.yaml": yaml.safe_dump(found.corrected if rig.robot else {**found.corrected, "robot": robot}, sort_keys=False),
         "diagnosis.json": json.dumps(found.data, indent=1),
+        **beside_report(rig, found.effects, out),
     }
     for name, text in texts.items():
         write_text(out / name, text)

@@ -1,0 +1,160 @@
+"""A rig written for other simulators moves there as it moves here."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.report.simulators import beside_report, exported
+from mpge_bench.envs.effects import (
+    Armature,
+    CoulombFriction,
+    Delay,
+    Effect,
+    Gravity,
+    JointSpring,
+    Lag,
+    Payload,
+    SensorBias,
+    TorqueBias,
+    TorqueGain,
+    TorqueLimit,
+    ViscousFriction,
+)
+from mpge_bench.envs.errors import UserError
+from tests.diagnosis.conftest import ARM, write_rig
+
+mujoco = pytest.importorskip("mujoco")
+Array = npt.NDArray[np.float64]
+#: Integrators differ by less the shorter their steps are.
+SECONDS, STEP = 1.0, 0.0001
+
+
+def commands(rig: Rig) -> Array:
+    """Of every physics step, shape (steps, joints)."""
+    time = rig.timestep * np.arange(round(SECONDS / rig.timestep))
+    return np.stack([1.2 * np.sin(2 * np.pi * 1.1 * time + 0.4), 0.5 * np.sin(2 * np.pi * 1.7 * time)], 1)
+
+
+def here(rig: Rig, u: Array) -> Array:
+    """Positions after each step in this simulator."""
+    world = rig.world()
+    world.set_state([0.2, -0.3], [0.0, 0.0])
+    q, _ = world.roll(u)
+    return q
+
+
+def in_mujoco(path: Path, u: Array) -> Array:
+    """The same of the model file in MuJoCo."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.2, -0.3
+    motors = [model.actuator(name).id for name in ("shoulder", "elbow")]
+    found = []
+    for now in u:
+        data.ctrl[motors] = now
+        mujoco.mj_step(model, data)
+        found.append(data.qpos.copy())
+    return np.array(found)
+
+
+def corrected(folder: Path, *effects: Effect, **changes: object) -> Rig:
+    return read_rig(write_rig(folder, effects=[effect.to_dict() for effect in effects], timestep=STEP, **changes))
+
+
+@pytest.mark.parametrize(
+    ("effects", "within"),
+    [
+        ([], 1e-3),
+        ([ViscousFriction("elbow", 0.2), Payload("lower", 0.3, 0.35)], 1e-3),
+        ([Armature("elbow", 0.02), JointSpring("shoulder", 2.0, 0.3)], 1e-3),
+        ([TorqueGain("shoulder", 0.6), TorqueBias("elbow", 0.15)], 1e-3),
+        ([Gravity("world", (1.0, 0.0, -9.7)), TorqueLimit("shoulder", 0.7)], 1e-3),
+        ([Delay("shoulder", 0.03), Lag("elbow", 0.05)], 2e-3),
+        # MuJoCo's dry friction gives way a little.
+        ([CoulombFriction("shoulder", 0.3)], 2e-2),
+    ],
+)
+def test_mujoco_moves_what_was_exported_as_it_moves_here(tmp_path: Path, effects: Sequence[Effect], within: float) -> None:
+    rig = corrected(tmp_path, *effects)
+    found = exported(rig, tmp_path / "arm.xml")
+    assert not found.left_out
+    (tmp_path / "arm.xml").write_text(found.text)
+    u = commands(rig)
+    expected, moved = here(rig, u), in_mujoco(tmp_path / "arm.xml", u)
+    assert np.abs(moved - expected).max() < within
+    if effects:
+        assert np.abs(expected - here(corrected(tmp_path), u)).max() > 5 * within
+
+
+def test_a_servo_follows_in_mujoco_as_here(tmp_path: Path) -> None:
+    rig = corrected(tmp_path, joints={joint: {"mode": "position", "kp": 20.0, "kd": 1.0, "servo_period": STEP} for joint in ("shoulder", "elbow")})
+    (tmp_path / "arm.xml").write_text(exported(rig, tmp_path / "arm.xml").text)
+    u = 0.3 * commands(rig)
+    assert np.abs(in_mujoco(tmp_path / "arm.xml", u) - here(rig, u)).max() < 2e-3
+
+
+def test_pybullet_moves_a_urdf_as_the_rig_that_it_was_made_of(tmp_path: Path) -> None:
+    rig = corrected(tmp_path, ViscousFriction("elbow", 0.2), CoulombFriction("shoulder", 0.3), Payload("lower", 0.3, 0.35))
+    found = exported(rig, tmp_path / "corrected.urdf")
+    assert not found.left_out
+    u = commands(rig)
+    expected = here(rig, u)
+    (tmp_path / "corrected.urdf").write_text(found.text)
+    path = tmp_path / "again.yaml"
+    path.write_text(f"robot: corrected.urdf\ntimestep: {STEP}\nrecord_period: 0.01\njoints: {{shoulder: {{mode: torque}}, elbow: {{mode: torque}}}}\n")
+    assert np.abs(here(read_rig(path), u) - expected).max() < 1e-9
+
+
+def test_what_a_format_cannot_hold_is_said_and_stands_in_the_file(tmp_path: Path) -> None:
+    rig = corrected(tmp_path, Armature("elbow", 0.02), SensorBias("shoulder", 0.05))
+    urdf, mjcf = (exported(rig, tmp_path / name) for name in ("a.urdf", "a.xml"))
+    assert [effect.name for effect in urdf.left_out] == ["armature", "sensor_bias"]
+    assert [effect.name for effect in mjcf.left_out] == ["sensor_bias"]
+    assert "<!-- Not held by this format: armature of elbow (inertia 0.02), sensor_bias of shoulder (offset 0.05) -->" in urdf.text
+    assert ET.fromstring(urdf.text).tag == "robot"
+    mujoco.MjModel.from_xml_string(mjcf.text)
+
+
+def test_a_torque_behind_a_servo_cannot_be_late_in_mujoco(tmp_path: Path) -> None:
+    servos = {joint: {"mode": "position", "kp": 20.0, "kd": 1.0} for joint in ("shoulder", "elbow")}
+    rig = corrected(tmp_path, Delay("elbow", 0.03), joints=servos)
+    assert [effect.name for effect in exported(rig, tmp_path / "a.xml").left_out] == ["delay"]
+
+
+def test_other_endings_and_rigs_are_refused_in_a_line(tmp_path: Path, refused) -> None:  # type: ignore[no-untyped-def]
+    rig = corrected(tmp_path)
+    with pytest.raises(UserError, match=r"arm\.obj: give a file that ends in \.urdf, or in \.xml"):
+        exported(rig, tmp_path / "arm.obj")
+    path = tmp_path / "hopper.yaml"
+    path.write_text("task: hopper\n")
+    assert "only rigs with a model file of their own" in refused("export", "--rig", path, "--out", tmp_path / "a.urdf")
+    assert not (tmp_path / "a.urdf").exists()
+
+
+def test_the_command_writes_a_file_and_says_what_is_not_in_it(tmp_path: Path, in_process) -> None:  # type: ignore[no-untyped-def]
+    corrected(tmp_path, Armature("elbow", 0.02))
+    code, out, _ = in_process("export", "--rig", tmp_path / "rig.yaml", "--out", tmp_path / "corrected.urdf")
+    assert code == 0
+    assert "Not held by this format: armature of elbow" in out
+    assert (tmp_path / "corrected.urdf").exists()
+
+
+def test_what_mujoco_does_not_take_is_refused_in_a_line_and_left_out_of_a_report(tmp_path: Path) -> None:
+    """A link without mass between two joints."""
+    rig = corrected(tmp_path)
+    (tmp_path / "arm.urdf").write_text(
+        ARM.replace('<mass value="1.5"/>', '<mass value="0"/>')
+        .replace('<inertia ixx="0.03" iyy="0.03" izz="0.005"', '<inertia ixx="0" iyy="0" izz="0"')
+        .replace('ixz="0.001"', 'ixz="0"')
+    )
+    rig = read_rig(rig.path)
+    with pytest.raises(UserError, match=r"arm\.urdf: MuJoCo does not take it \(.*mass"):
+        exported(rig, tmp_path / "a.xml")
+    assert list(beside_report(rig, [Armature("elbow", 0.02)], tmp_path)) == ["corrected.urdf"]
