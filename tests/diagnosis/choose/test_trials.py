@@ -79,3 +79,13 @@ def test_far_from_the_noise_models_are_judged_as_they_would_be_exported(rig: Rig
     # By their windows they are equal.
     assert notebook.is_better(lighter, light)
     assert not notebook.is_better(light, lighter)
+
+
+@pytest.mark.parametrize(("seconds", "reserved"), [(300.0, 54.0), (75.0, 13.5), (30.0, 10.0), (20.0, 7.0), (2.0, 0.7)])
+def test_what_comes_after_the_search_has_its_share_of_the_budget(seconds: float, reserved: float) -> None:
+    clock = Clock.started(seconds, DEFAULT.choose)
+    assert clock.deadline - clock.begun == pytest.approx(seconds - reserved)
+
+
+def test_without_a_budget_the_search_has_no_end() -> None:
+    assert Clock.started(None, DEFAULT.choose).deadline == np.inf
