@@ -141,7 +141,6 @@ def run(
     """
     progress = progress or Silent()
     folder = settings.folder(out)
-    task, method = get_task(settings.task), get_method(settings.method)
     chosen = chosen or settings.effective()
     present = present_result(settings, out, chosen)
     if present:
@@ -149,41 +148,46 @@ def run(
     # What is missing shall be known before the work, not after it.
     known = references(settings.task, policy_folder)
     problem = problem_of(settings, chosen, policy_folder)
-    begun = time.monotonic()
     with _own_folder(settings, out) as partial:
-        torch.manual_seed(settings.seed)
-        torch.set_num_threads(1)
-        result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=partial / "tensorboard", jobs=jobs)
-        if not isinstance(result, Result):
-            raise UserError(f"method {settings.method}: `train` returned a {type(result).__name__}, not a mpge_bench.baselines.method.Result")
-        policy = _policy_of(settings.method, result.policy, task)
-        progress.stage("evaluation", 0)
-        evaluated = time.monotonic()
-        data = {
-            **_asked(settings, task, method, chosen),
-            "target_samples": problem.drawn,
-            "references": known.made_from,
-            **_measured(settings, result, policy, known, problem),
-            "oracle": _oracle(result, settings.method, task, known, policy),
-            "learning": learning(result.episodes, settings.samples),
-            **_stored(partial, result, policy, task),
-            "report": result.report,
-            "simulator_steps": {"grounding": result.steps.get("grounding", 0), "agent": result.steps.get("agent", 0)},
-            "wall_clock_s": {
-                **{stage: round(result.seconds.get(stage, 0.0), 1) for stage in ("grounding", "agent")},
-                "evaluation": round(time.monotonic() - evaluated, 1),
-                "total": round(time.monotonic() - begun, 1),
-            },
-            "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
-            "commit": commit(),
-            "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs, "fixed_code_path": numerics.is_fixed()},
-        }
+        data = _made(settings, chosen, problem, known, partial, progress, jobs)
         written = json.dumps(data, indent=1, default=_plain)
         (partial / "result.json").write_text(written + "\n")
         shutil.rmtree(folder, ignore_errors=True)
         (partial / _LOCK).unlink()
         partial.replace(folder)
     return dict(json.loads(written))
+
+
+def _made(settings: RunSettings, chosen: Any, problem: Problem, known: References, folder: Path, progress: Progress, jobs: int) -> dict[str, Any]:
+    """Run the method and measure what came of it; the result, what stands beside it written to `folder`."""
+    task, method, begun = get_task(settings.task), get_method(settings.method), time.monotonic()
+    torch.manual_seed(settings.seed)
+    torch.set_num_threads(1)
+    result = method.train(problem, chosen, settings.seed, progress=progress, log_dir=folder / "tensorboard", jobs=jobs)
+    if not isinstance(result, Result):
+        raise UserError(f"method {settings.method}: `train` returned a {type(result).__name__}, not a mpge_bench.baselines.method.Result")
+    policy = _policy_of(settings.method, result.policy, task)
+    progress.stage("evaluation", 0)
+    evaluated = time.monotonic()
+    return {
+        **_asked(settings, task, method, chosen),
+        "target_samples": problem.drawn,
+        "references": known.made_from,
+        **_measured(settings, result, policy, known, problem),
+        "oracle": _oracle(result, settings.method, task, known, policy),
+        "learning": learning(result.episodes, settings.samples),
+        **_stored(folder, result, policy, task),
+        "report": result.report,
+        "simulator_steps": {"grounding": result.steps.get("grounding", 0), "agent": result.steps.get("agent", 0)},
+        "wall_clock_s": {
+            **{stage: round(result.seconds.get(stage, 0.0), 1) for stage in ("grounding", "agent")},
+            "evaluation": round(time.monotonic() - evaluated, 1),
+            "total": round(time.monotonic() - begun, 1),
+        },
+        "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
+        "commit": commit(),
+        "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs, "fixed_code_path": numerics.is_fixed()},
+    }
 
 
 def _asked(settings: RunSettings, task: Task, method: Method, chosen: Any) -> dict[str, Any]:
