@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from mpge_bench.envs.errors import UserError
-from mpge_bench.leaderboard.estimates import Estimate, Scores, improvements, interquartile_means
+from mpge_bench.leaderboard.estimates import Scores, improvements, interquartile_means
 from mpge_bench.leaderboard.tables import Sheet
 
 #: Below it a difference is said to be one.
@@ -55,7 +55,7 @@ class Compared:
         better = improvements([(row.one[:, None], row.other[:, None]) for row in self.rows])
         sides = [interquartile_means([getattr(row, side) for row in self.rows]) for side in ("one", "other")]
         rows = [
-            [row.name, str(len(row.one)), _text(first), str(len(row.other)), _text(second), _text(more), f"{row.p_value():.2g}"]
+            [row.name, str(len(row.one)), first.text(2), str(len(row.other)), second.text(2), more.text(2), f"{row.p_value():.2g}"]
             for row, first, second, more in zip(self.rows, *sides, better, strict=True)
         ]
         note = "Normalised returns: interquartile means over runs, in brackets 95% bootstrap intervals, or with fewer than five runs their values."
@@ -75,10 +75,6 @@ class Compared:
         """The smallest p-value that so many runs could have."""
         apart = [Row(row.name, np.arange(len(row.one), dtype=float) + 1e3, np.arange(len(row.other), dtype=float)) for row in self.rows]
         return _chance(apart)
-
-
-def _text(estimate: Estimate) -> str:
-    return estimate.text(2)
 
 
 def compared(one: pd.DataFrame, other: pd.DataFrame) -> Compared:
