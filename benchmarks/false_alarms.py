@@ -173,14 +173,20 @@ def _urdf(rng: np.random.Generator, kinds: list[str]) -> str:
         length, mass = rng.uniform(0.2, 0.5), rng.uniform(0.3, 2.0)
         inertia = mass * length**2 * rng.uniform(0.05, 0.15)
         axis = "1 0 0" if kind == "prismatic" else "0 1 0" if planar else ["0 1 0", "1 0 0", "0 1 0"][index]
-        text += (
-            f'<link name="l{index}"><inertial><origin xyz="0 0 {-length * rng.uniform(0.3, 0.6)}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{0.3 * inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="j{index}" type="{kind}"><parent link="{parent}"/><child link="l{index}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
-            f'<limit lower="-1000" upper="1000" effort="1000" velocity="1000"/><dynamics damping="{rng.choice([0.0, 0.02, 0.05])}"/></joint>'
-        )
+        centre = f"0 0 {-length * rng.uniform(0.3, 0.6)}"
+        text += moved(index, kind, parent, place, axis, centre, mass, inertia, rng.choice([0.0, 0.02, 0.05]))
         parent, place = f"l{index}", "0 0 0" if kind == "prismatic" else f"0 0 {-length}"
     return text + "</robot>"
+
+
+def moved(index: int, kind: str, parent: str, place: str, axis: str, centre: str, mass: float, inertia: float, damping: float) -> str:
+    """A link and the joint that moves it, as URDF; `inertia` is that across the link."""
+    return (
+        f'<link name="l{index}"><inertial><origin xyz="{centre}"/><mass value="{mass}"/>'
+        f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{0.3 * inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="j{index}" type="{kind}"><parent link="{parent}"/><child link="l{index}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
+        f'<limit lower="-1000" upper="1000" effort="1000" velocity="1000"/><dynamics damping="{damping}"/></joint>'
+    )
 
 
 if __name__ == "__main__":

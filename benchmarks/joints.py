@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from false_alarms import PERIOD, TIMESTEP, record
+from false_alarms import PERIOD, TIMESTEP, moved, record
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -96,13 +96,7 @@ def urdf(count: int) -> str:
         axis, length, mass = ARM[index] if count == len(ARM) else LEG[index % 3]
         if count != len(ARM) and index % 3 == 0:
             parent, place = "base", f"{0.3 * (index // 6)} {0.15 * (-1) ** (index // 3)} 0"
-        inertia = 0.1 * mass * length**2
-        text += (
-            f'<link name="l{index}"><inertial><origin xyz="0.01 0 {-0.45 * length}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{0.3 * inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="j{index}" type="revolute"><parent link="{parent}"/><child link="l{index}"/><origin xyz="{place}"/><axis xyz="{axis}"/>'
-            '<limit lower="-1000" upper="1000" effort="1000" velocity="1000"/><dynamics damping="0.05"/></joint>'
-        )
+        text += moved(index, "revolute", parent, place, axis, f"0.01 0 {-0.45 * length}", mass, 0.1 * mass * length**2, 0.05)
         parent, place = f"l{index}", f"0 0 {-length}"
     return text + "</robot>"
 

@@ -70,17 +70,17 @@ def table(out: Path) -> None:
     counts = np.zeros(2, int)
     for path in sorted(out.glob("*.json")):
         data = json.loads(path.read_text())
-        inside = _inside(data)
+        inside = _inside(data) if data["noise"] else (0, 0)
         shown.add_row(
             data["pair"] + (" (source)" if data["nothing"] else ""),
             f"{data['noise']:g}",
             data["diagnosis"]["verdict"],
             _said(data["truth"]),
             _said(data["found"]),
-            "{} of {}".format(*inside) if data["noise"] and inside[1] else "",
+            "{} of {}".format(*inside) if inside[1] else "",
             f"{data['seconds']:.0f}",
         )
-        counts += inside if data["noise"] else (0, 0)
+        counts += inside
     console = Console(width=200)
     console.print(shown)
     console.print(f"{counts[0]} of {counts[1]} numbers in their intervals")

@@ -316,18 +316,11 @@ class Model:
 
     def set_damping(self, joint: str, damping: float) -> None:
         """Give `joint` another damping, N m s/rad, in place of the file's."""
-        element = self._joint(joint)
-        dynamics = element.find("dynamics")
-        if dynamics is None:
-            dynamics = ET.SubElement(element, "dynamics")
-        dynamics.set("damping", repr(float(damping)))
+        self._part(joint, "dynamics").set("damping", repr(float(damping)))
 
     def add_losses(self, joint: str, *, damping: float = 0.0, friction: float = 0.0) -> None:
         """Give `joint` more damping, N m s/rad, and dry friction, N m, than the file's."""
-        element = self._joint(joint)
-        dynamics = element.find("dynamics")
-        if dynamics is None:
-            dynamics = ET.SubElement(element, "dynamics")
+        dynamics = self._part(joint, "dynamics")
         for key, more in (("damping", damping), ("friction", friction)):
             dynamics.set(key, repr(float(dynamics.get(key, "0")) + more))
 
@@ -338,11 +331,7 @@ class Model:
 
     def limit_effort(self, joint: str, torque: float) -> None:
         """Say that `joint` gets no more than `torque`, N m, for programs that heed it."""
-        element = self._joint(joint)
-        limit = element.find("limit")
-        if limit is None:
-            limit = ET.SubElement(element, "limit", velocity="1e6")
-        limit.set("effort", repr(float(torque)))
+        self._part(joint, "limit", velocity="1e6").set("effort", repr(float(torque)))
 
     def unlimit(self, joint: str) -> None:
         """Let a revolute `joint` turn without end."""
@@ -567,6 +556,12 @@ class Model:
         element = self._root.find(f"joint[@name='{name}']")
         assert element is not None
         return element
+
+    def _part(self, joint: str, tag: str, **new: str) -> ET.Element:
+        """The part `tag` of `joint`; made with the attributes `new` where there is none."""
+        element = self._joint(joint)
+        part = element.find(tag)
+        return ET.SubElement(element, tag, new) if part is None else part
 
     @staticmethod
     def _number(element: ET.Element, path: str, key: str) -> float:

@@ -230,7 +230,7 @@ class Search:
             looks = self.looks(replay, model, [one for one in self.hypotheses if (one.size == 1) is plain])
             most = max([most, *(one.gain for one in looks)])
             looks = [one for one in looks if one.gain > settings.promising * most]
-            begun: list[Model] = self.each(_drafted, (replay, model, self.few, settings), looks)  # type: ignore[assignment]
+            begun: list[Model] = self.each(_drafted, (replay, model, self.few, settings, settings.iterations_first), looks)  # type: ignore[assignment]
             begun.sort(key=lambda one: one.description)
             found += begun[settings.followed :]
             found += self.each(_fitted, (replay, self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
@@ -284,7 +284,7 @@ class Search:
         known = sorted((one for one in known if one.gain > least), key=lambda one: (one.hypotheses[0].size, -one.gain))
         if self.late("one effect in the place of several"):
             return model
-        drafts: list[Model] = self.each(_alone, (self.replay, self.few, self.settings), known)  # type: ignore[assignment]
+        drafts: list[Model] = self.each(_drafted, (self.replay, nominal, self.few, self.settings, self.settings.iterations_polish), known)  # type: ignore[assignment]
         for draft in drafts:
             # Only one that is as near has a chance.
             if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
@@ -333,14 +333,9 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
     return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)
 
 
-def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
-    """The beginning of a fit."""
-    return fitted(replay, (*model.hypotheses, *look.hypotheses), (*model.values, *look.start), rows, settings, settings.iterations_first)
-
-
-def _alone(replay: Predictor, rows: Rows, settings: ReplaySettings, look: Look) -> Model:
-    """What is looked at, without anything beside it."""
-    return fitted(replay, look.hypotheses, look.start, rows, settings, settings.iterations_polish)
+def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, iterations: int, look: Look) -> Model:
+    """What is looked at, fitted beside `model`."""
+    return fitted(replay, (*model.hypotheses, *look.hypotheses), (*model.values, *look.start), rows, settings, iterations)
 
 
 def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:
