@@ -263,6 +263,7 @@ def diagnose(
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig
     from mpge_bench.diagnosis.pipeline import diagnose_files
+    from mpge_bench.diagnosis.report.simulators import MODELS
 
     assert rig is not None
     assert recording is not None
@@ -270,7 +271,7 @@ def diagnose(
         seconds = 75.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
-    models = [name for name in ("corrected.urdf", "corrected.xml") if (out / name).exists()]
+    models = [name for name in MODELS if (out / name).exists()]
     _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *models]))
 
 

@@ -28,7 +28,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.report.page import report_html
-from mpge_bench.diagnosis.report.simulators import beside_report
+from mpge_bench.diagnosis.report.simulators import MODELS, beside_report
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
@@ -147,4 +147,7 @@ def diagnose_files(
     }
     for name, text in texts.items():
         write_text(out / name, text)
+    # Those of an earlier diagnosis are none of this one's.
+    for name in set(MODELS) - set(texts):
+        (out / name).unlink(missing_ok=True)
     return found

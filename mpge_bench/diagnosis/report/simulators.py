@@ -16,6 +16,9 @@ from mpge_bench.envs.effects import Effect, JointSpring
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.model import Model
 
+#: What `diagnose` writes beside its report, where it can.
+MODELS = ("corrected.urdf", "corrected.xml")
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -31,9 +34,9 @@ class Exported:
 
 
 def beside_report(rig: Rig, effects: Sequence[Effect], out: Path) -> dict[str, str]:
-    """By name the model files that `diagnose` writes to `out`: corrected.urdf and, where MuJoCo can read that, corrected.xml; none of other rigs."""
+    """By name those of `MODELS` that `rig` with `effects` can be written to, to lie in `out`: the second where MuJoCo can read it; none of other rigs."""
     found = {}
-    for name in ("corrected.urdf", "corrected.xml"):
+    for name in MODELS:
         with suppress(UserError):
             found[name] = exported(rig, out / name, effects).text
     return found
