@@ -321,6 +321,11 @@ class Effect:
         return cls.remembers or cls.maps_command or math.isinf(next(iter(cls.parameters.values())).neutral)
 
     @classmethod
+    def is_one_sided(cls) -> bool:
+        """Whether there is no less of it than none: no load is negative."""
+        return any(parameter.low == parameter.neutral for parameter in cls.parameters.values())
+
+    @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         """Parameter values from which a search for this effect starts, where things are as large as `scale` says; none if it is not searched for."""
         return []

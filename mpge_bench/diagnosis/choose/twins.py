@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import optimize
 
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
@@ -34,22 +35,25 @@ class Twin:
         replaced: the effect that it stands for.
         distance: between the two models' predictions at the other's best parameters, standard deviations of what the chosen one leaves.
         change: by which the replaced effect moves the prediction, in the same units.
+        at_least: whether they may be farther apart: what came so near is a sum of what the other effect does with several values of its parameters.
     """
 
     effects: tuple[Effect, ...]
     replaced: Effect
     distance: float
     change: float
+    at_least: bool = False
 
 
 def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
     """The chosen model with each candidate in the place of each of its effects, the nearest first.
 
-    By the linearised simulator; where that tells two apart by a small part of what they do, as it tells an offset sensor from a tilted base, by a fit.
+    By the linearised simulator; by a fit where that tells two apart by a small part of what they do, as it tells an offset sensor from a tilted base, or where
+    only a sum of several such effects is as near, as several loads are to a rotor.
     """
     settings = trials.problem.settings.choose
     found = _by_columns(trials, chosen)
-    unsure = [one for one in found if settings.apart <= one.distance < settings.alike * one.change]
+    unsure = [one for one in found if (one.at_least or settings.apart <= one.distance) and one.distance < settings.alike * one.change]
     told = {one: _fitted(trials, chosen, one) for one in sorted(unsure, key=lambda one: one.distance)[: settings.twins]}
     return tuple(sorted((told.get(one, one) for one in found), key=lambda one: one.distance))
 
@@ -66,8 +70,8 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
             return twin
         model = trials.add(trials.converged(*pairs[0])[0])
     distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
-    back = [one.distance for one in _by_columns(trials, model, only=label([twin.replaced])) if key(one.effects) == chosen.key]
-    return replace(twin, effects=model.effects, distance=min(distance, twin.distance, *back))
+    seen = [twin, *(one for one in _by_columns(trials, model, only=label([twin.replaced])) if key(one.effects) == chosen.key)]
+    return replace(twin, effects=model.effects, distance=min(distance, *(one.distance for one in seen if not one.at_least)), at_least=False)
 
 
 def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> list[Twin]:
@@ -102,10 +106,11 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
             columns = np.where(np.linalg.norm(columns, axis=1, keepdims=True) > _ROUNDING * length, columns, 0.0)
             # What is in proportion to its parameters is at its best any sum of its starts; what is not is near one of them.
             options = [columns] if not candidate.kind.is_bent() else list(columns[:, None])
-            distances = [remainder(left, option) for option in options]
+            distances = [remainder(left, option, one_sided=candidate.kind.is_one_sided()) for option in options]
             best = int(np.argmin(distances))
-            scale = max(1.0, chosen.train) ** 0.5
-            found.append(Twin((*others, candidate.starts[best]), effect, distances[best] / scale, float(np.linalg.norm(own)) / scale))
+            start, scale = candidate.starts[best], max(1.0, chosen.train) ** 0.5
+            is_sum = len(options[best]) > len(parameters_of(start))
+            found.append(Twin((*others, start), effect, distances[best] / scale, float(np.linalg.norm(own)) / scale, is_sum))
     return found
 
 
@@ -131,9 +136,11 @@ def plainness(effect: Effect) -> tuple[bool, int, int, int]:
     return effect.on == "sensor", len(parameters_of(effect)), ("joint", "link", "world", "sensor").index(effect.on), names.index(effect.name)
 
 
-def remainder(own: Array, columns: Array) -> float:
-    """Length of what of `own`, shape (readings,), the `columns`, shape (columns, readings), cannot make up."""
+def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:
+    """Length of what of `own`, shape (readings,), the `columns`, shape (columns, readings), cannot make up; with `one_sided`, in no negative amounts."""
     unit = _unit(columns).T
+    if one_sided:
+        return float(optimize.nnls(unit, own)[1])
     return float(np.linalg.norm(own - unit @ np.linalg.lstsq(unit, own, rcond=1e-6)[0]))
 
 

@@ -38,16 +38,16 @@ def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float]:
     """Models that would be taken for the chosen one, and the chance that none was.
 
     Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood
-    ratio data of one are then taken for the other with probability Phi(-D / 2).
+    ratio data of one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike.
     """
     settings, chosen = choice.problem.settings.verdict, choice.chosen
-    sure, found = 1.0, []
+    odds, found = 0.0, []
     for twin in choice.twins:
         mistaken = float(stats.norm.cdf(-twin.distance / 2))
         if mistaken >= settings.confused:
             found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
-        sure *= 1 - mistaken
-    return tuple(found), round(sure, 3)
+        odds += mistaken / (1 - mistaken)
+    return tuple(found), round(1 / (1 + odds), 3)
 
 
 def experiment(first: frozenset[str], second: frozenset[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,16 +15,16 @@ from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainness, remainder, twins
 from mpge_bench.diagnosis.data.checks import read_recordings
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
-from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Gravity, InertiaScale, SensorBias, TorqueGain
+from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Gravity, InertiaScale, MassScale, Payload, SensorBias, TorqueGain
 
-from ..conftest import Made, write_case
+from ..conftest import Made, record, write_case
 
 
 def test_the_plainer_of_two_equals() -> None:
@@ -40,6 +41,27 @@ def test_what_columns_make_up_of_a_change() -> None:
     beyond = rng.standard_normal(50)
     beyond -= columns.T @ np.linalg.lstsq(columns.T, beyond, rcond=None)[0]
     assert remainder(columns[1] + beyond, columns) == pytest.approx(np.linalg.norm(beyond))
+
+
+def test_what_is_one_sided_makes_up_for_nothing_with_less_than_none() -> None:
+    column, other = np.eye(4)[:2]
+    assert remainder(-column, column[None], one_sided=True) == pytest.approx(1)
+    assert remainder(-column, column[None]) == pytest.approx(0, abs=1e-9)
+    # A heavy load less a light one farther out is no load.
+    assert remainder(3 * column - other, np.stack((column, other)), one_sided=True) == pytest.approx(1)
+    assert Payload.is_one_sided()
+    assert not TorqueGain.is_one_sided()
+    assert not ComOffset.is_one_sided()
+
+
+def test_a_sum_of_several_loads_is_no_load(rig: Rig) -> None:
+    """Several loads along a link together are as good as a denser link; one is not."""
+    rng = np.random.default_rng(0)
+    exact = [record(rig, [MassScale("lower", 1.4)], seconds=4, seed=seed) for seed in range(4)]
+    noisy = [replace(one, q=one.q + rng.normal(0, 5e-4, one.q.shape), dq=one.dq + rng.normal(0, 5e-3, one.dq.shape)) for one in exact]
+    found = diagnose(rig, noisy)
+    assert [(one.name, one.target) for one in found.effects] == [("mass_scale", "lower")]
+    assert not [pair for pair in found.data["indistinguishable"] if "payload:lower" in str(pair)]
 
 
 def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Callable[..., Made]) -> None:
