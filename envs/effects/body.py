@@ -172,6 +172,7 @@ class LinkSize(_OfBody):
     radius: float = 1.0
 
     name = "link_size"
+    varies = "each"
     sentence = "The {target} is {length} times as long and {radius} times as thick as the simulator believes."
     on = "link"
     asks_states = True
@@ -193,6 +194,7 @@ class ContactFriction(Effect):
     coefficient: float
 
     name = "contact_friction"
+    varies = "alike"
     sentence = "The {target} rubs on the ground with a coefficient of friction of {coefficient}."
     on = "link"
     takes_all = True

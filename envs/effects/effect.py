@@ -166,6 +166,8 @@ class Effect:
     sentence: ClassVar[str] = ""
     #: True where every real joint has more or less of it.
     everywhere: ClassVar[bool] = False
+    #: Where robots of one make usually differ by it: "each" on each thing that it acts on, "alike" by the same on all; none elsewhere.
+    varies: ClassVar[str] = ""
     #: True where two of them on one target are one with the sums of their parameters.
     adds: ClassVar[bool] = False
     #: Plainer effects that it contains, as Stribeck's friction contains Coulomb's: never beside it.

@@ -210,6 +210,7 @@ class Armature(Effect):
     inertia: float
 
     name = "armature"
+    varies = "alike"
     sentence = "The {target}'s rotor adds an inertia of {inertia}."
     told_apart = {
         "inertia_scale": "move the joint that carries this one: a link's inertia is felt there, a rotor's is not",
@@ -245,6 +246,7 @@ class JointDamping(Effect):
     damping: float
 
     name = "joint_damping"
+    varies = "alike"
     sentence = "The {target}'s damping is {damping}."
     on = "joint"
     parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4, neutral=math.inf)}
@@ -274,6 +276,7 @@ class RotorScale(Effect):
     factor: float
 
     name = "rotor_scale"
+    varies = "alike"
     sentence = "The {target}'s rotor has {factor} times the inertia that the simulator believes."
     on = "joint"
     parameters = {"factor": Parameter("1", 0.01, 100.0, neutral=1.0)}

@@ -54,6 +54,7 @@ class Minitaur(Walking):
     substeps = 5
     iterations = 60
     joints = _JOINTS
+    auxiliary = _KNEES
     actuators = dict.fromkeys(_MOTORS, np.pi / 4)
     action_limit = 1.0
     observation_size = 27

@@ -44,6 +44,8 @@ class Robot(ABC):
     #: Friction of the ground plane; None where there is no ground.
     friction: ClassVar[float | None] = 1.0
     joints: ClassVar[tuple[str, ...]]
+    #: Those of them that are no hinges of its own to be looked at: rails that keep it in a plane, joints that close loops.
+    auxiliary: ClassVar[tuple[str, ...]] = ()
     #: Gear (N m or N per unit of action) by joint.
     actuators: ClassVar[Mapping[str, float]]
     action_limit: ClassVar[float]
@@ -172,6 +174,8 @@ class Robot(ABC):
 
 class Runner(Robot):
     """What the planar runners share: a root of two slides and a hinge, no x in the observation, reward for the speed along x."""
+
+    auxiliary = ("rootx", "rootz", "rooty")
 
     control_cost: ClassVar[float]
     height = 1

@@ -258,6 +258,8 @@ class ReplaySettings:
     jump: float = _setting(20.0, "times what nine of ten rows that answer do not exceed", "beyond it is a jump, as of a contact that comes a step sooner")
     answers: float = _setting(1e-9, "share of the largest slope", "rows with less do not answer to a parameter at all")
     converged: float = _setting(1e-3, "share of the cost", "an iteration that gains less is the last")
+    dampings: int = _setting(4, "trials", "of shorter and shorter steps, each ten times as much damped, before a fit ends")
+    dampings_first: int = _setting(8, "trials", "the same in the first iteration")
     material: float = _setting(0.01, "nats an entry", "an effect that explains less is not taken in")
     equal: float = _setting(0.005, "nats an entry", "models that differ by less are told apart by how plain they are")
     near: float = _setting(3.0, "times", "what a draft may miss of what a model does, to have a chance in its place")

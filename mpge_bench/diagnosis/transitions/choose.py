@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.twins import plainness
-from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.evidence import best_trust, likeness
-from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, chance_of, fitted, model_of, scales_of
+from mpge_bench.diagnosis.transitions.evidence import best_trust
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.many import usual_differences
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again, together
-from mpge_bench.envs.effects import Effect
+from mpge_bench.diagnosis.transitions.trials import Trials
 
 Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -48,63 +46,39 @@ class Answer:
 
 
 @dataclass
-class Search:
-    """One search, and the models it has fitted so far."""
+class Search(Trials):
+    """One search, round by round."""
 
-    replay: Predictor
-    hypotheses: Sequence[Hypothesis]
-    workers: Workers
-    clock: Clock
-    settings: ReplaySettings
-    advance: Callable[[int], None] = lambda steps: None
-    #: The source's own transitions, which tell with noise where nothing is left to be explained.
-    own: Predictor | None = None
-    models: dict[frozenset[tuple[str, tuple[str, ...]]], Model] = field(default_factory=dict)
-    cut: dict[str, None] = field(default_factory=dict)
     columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
     #: Models on whose misses the search has been focused.
     shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        settings, pieces = self.settings, self.replay
+        super().__post_init__()
+        settings = self.settings
         starts = sum(len(one.starts) for one in self.hypotheses)
         glimpsed = int(np.clip(settings.screening // max(starts, 1), settings.fewest, settings.most_rows))
-        entries = pieces.entries
-        self.every = np.arange(len(pieces))
         #: For first looks and, more of them, for drafts: of all kinds of motion.
         worst = self.worst(())
-        self.glance, self.few = (self.spread(rows, worst) for rows in (glimpsed, settings.drafted // entries))
-        #: For models in the end: from the beginnings of episodes, where what the simulator remembers is known.
-        self.rows = pieces.heads((settings.fitted if self.noise is None else settings.fitted_noisy) // entries)
-
-    def spread(self, total: int, worst: Rows | None) -> Rows:
-        """About `total` rows in stretches evenly spread; half of them the `worst` ones, where these are known."""
-        pieces, length = self.replay, self.settings.stretch
-        if worst is None or total >= len(pieces):
-            return pieces.stretches(total, length)
-        return np.union1d(pieces.stretches(total // 2, length), worst[: max(1, total // 2 // length), None] + np.arange(length))
-
-    def worst(self, effects: Sequence[Effect]) -> Rows | None:
-        """Beginnings of stretches with noise, those of which `effects` leave most first: what acts seldom shows there alone. None without noise."""
-        if self.noise is None:
-            return None
-        missed, length = self.replay.residuals(effects, self.every), self.settings.stretch
-        size = np.log1p((missed / scales_of(self.noise, self.settings)) ** 2).mean(1)
-        begins = np.arange(0, len(self.replay) - length + 1, length)
-        return np.asarray(begins[np.argsort(-np.add.reduceat(size, begins))])
-
-    @cached_property
-    def noise(self) -> Array | None:
-        """What the source misses of its own transitions, shape (n, entries); None where that is rounding."""
-        missed = None if self.own is None else self.own.residuals((), np.arange(len(self.own)))
-        return None if missed is None or float(np.max(np.abs(missed))) < self.settings.exact else missed
+        self.glance, self.few = (self.spread(rows, worst) for rows in (glimpsed, settings.drafted // self.replay.entries))
 
     def answer(self) -> Answer:
         """The whole search."""
+        chosen = self.told(self.plainer(self.explained()))
+        # What has the answer in it and more is no other answer.
+        others = (one for one in self.models.values() if one.hypotheses and not one.key >= chosen.key)
+        equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
+        return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
+
+    def explained(self) -> Model:
+        """The best model: of one hypothesis after another or, where the first leaves something, of all that robots of one make usually differ by."""
         chosen = self.add(model_of(self.replay, (), (), self.rows, self.settings))
         while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
+            many = usual_differences(self) if len(chosen.hypotheses) == 1 else None
+            if many is not None and self.is_better(many, chosen):
+                return many
             chosen = self.focused(chosen)
             # Columns of a round before are a little off, and cost nothing; where they lead nowhere though something is missing, new ones may.
             fresh = not self.columns
@@ -115,26 +89,12 @@ class Search:
             if richer is None or not self.is_better(richer, chosen):
                 break
             chosen = richer
-        chosen = self.told(self.plainer(self.alone(self.needed(chosen))))
-        # What has the answer in it and more is no other answer.
-        others = (one for one in self.models.values() if one.hypotheses and not one.key >= chosen.key)
-        equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
-        return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
+        return self.alone(self.needed(chosen))
 
     def nothing(self) -> Answer:
         """The answer where there is no mismatch."""
         nominal = model_of(self.replay, (), (), self.rows, self.settings)
         return Answer(nominal, nominal, (nominal,), (), self.rows, ())
-
-    def is_lacking(self, model: Model, share: float) -> bool:
-        """Whether `model` leaves more than the right one would: than the source does of its own or, without noise, rounding in this share of the entries.
-
-        It is asked of whole episodes, since stretches begin with contacts that nobody remembers.
-        """
-        missed, settings = self.replay.residuals(model.effects, self.every), self.settings
-        if self.own is None or self.noise is None:
-            return float(np.quantile(np.abs(missed), share)) >= settings.exact
-        return likeness(self.replay, missed, self.own, self.noise, settings)[0] < settings.leftover
 
     def focused(self, model: Model) -> Model:
         """`model`, and the search turned to where it misses most: what acts seldom, as a limit does, shows nowhere else.
@@ -160,36 +120,6 @@ class Search:
         self.models.clear()
         self.add(model_of(self.replay, (), (), self.rows, settings))
         return self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, settings))
-
-    def is_better(self, richer: Model | None, model: Model) -> bool:
-        return richer is not None and richer.description < model.description - max(self.settings.material, self.chance(richer, model))
-
-    def is_equal(self, one: Model, other: Model) -> bool:
-        """Whether `one` describes as well as `other`."""
-        return one.description < other.description + max(self.settings.equal, self.chance(one, other))
-
-    def chance(self, one: Model, other: Model) -> float:
-        """By how much noise alone may make one of them the better."""
-        return self.settings.beyond_chance * chance_of(one, other, self.settings) if self.noise is not None else 0.0
-
-    def late(self, stage: str) -> bool:
-        if self.clock.late:
-            self.cut[stage] = None
-        return self.clock.late
-
-    def add(self, model: Model) -> Model:
-        _log.debug("%s %s: %.4g, %.3g", [one.label for one in model.hypotheses], model.values, model.description, model.missed)
-        known = self.models.get(model.key)
-        if known is None or model.description < known.description:
-            self.models[model.key] = model
-        return self.models[model.key]
-
-    def each(self, work: Callable[..., object], shared: tuple[object, ...], items: Sequence[object]) -> list[object]:
-        found = self.workers.each(work, shared, items, self.clock.deadline)
-        if len(found) < len(items):
-            self.cut["fitting hypotheses"] = None
-        self.advance(len(found))
-        return found
 
     def drafted(self, model: Model) -> Predictor:
         """The replay for looks and drafts beside `model`: the more it lacks, the more of what it misses is put right, lest simulations go astray."""
@@ -267,7 +197,8 @@ class Search:
             if len(model.hypotheses) < 2 or self.late("leaving out effects"):
                 break
             rest = [(other, own) for other, own in zip(model.hypotheses, model.values, strict=True) if other is not one]
-            less = self.add(self.fitted(*zip(*rest, strict=True)))
+            others, values = zip(*rest, strict=True)
+            less = self.add(self.fitted(others, values))
             if not self.is_better(model, less):
                 model = less
         return model
@@ -301,7 +232,8 @@ class Search:
                 if other.targets != one.targets or other.kind.name not in one.kind.plainer() or other.key in model.key or self.late("plainer effects"):
                     continue
                 pairs = [(kept, own) for kept, own in zip(model.hypotheses, model.values, strict=True) if kept is not one]
-                tried = self.add(self.fitted(*zip(*[*pairs, (other, _start(other, model, one))], strict=True)))
+                others, values = zip(*[*pairs, (other, _start(other, model, one))], strict=True)
+                tried = self.add(self.fitted(others, values))
                 if self.is_equal(tried, model):
                     return self.plainer(tried)
         return model
@@ -316,9 +248,6 @@ class Search:
                 if float(np.max(np.abs(tried.residuals - model.residuals))) < self.settings.exact:
                     self.models[model.key] = model = tried
         return model
-
-    def fitted(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
-        return fitted(self.replay, hypotheses, values, self.rows, self.settings, self.settings.iterations_polish)
 
 
 def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:

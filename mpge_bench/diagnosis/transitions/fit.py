@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.envs.effects import Effect
@@ -118,36 +119,82 @@ def chance_of(one: Model, other: Model, settings: ReplaySettings) -> float:
     return float(np.std(stretches) / np.sqrt(len(stretches)))
 
 
+@dataclass(frozen=True)
+class Parameters:
+    """All parameters of `hypotheses` in one vector, and what they leave of the pieces `rows`.
+
+    Attributes:
+        workers: that share out many vectors; this process alone where there are none.
+    """
+
+    replay: Predictor
+    hypotheses: tuple[Hypothesis, ...]
+    rows: Rows
+    workers: Workers | None = None
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Shapes (parameters,)."""
+        low, high = (np.concatenate([one.bounds[side] for one in self.hypotheses]) for side in (0, 1))
+        return low, high
+
+    def unit(self, values: Sequence[Sequence[float]]) -> Array:
+        """About how large each is, shape (parameters,)."""
+        return np.concatenate([_unit(one, own) for one, own in zip(self.hypotheses, values, strict=True)])
+
+    def parted(self, at: Array) -> list[list[float]]:
+        """Each hypothesis's own."""
+        return [own.tolist() for own in np.split(at, np.cumsum([one.size for one in self.hypotheses])[:-1])]
+
+    def left(self, at: Array) -> Array:
+        """Residuals, shape (rows, entries)."""
+        return self.replay.residuals(effects_of(self.hypotheses, self.parted(at)), self.rows)
+
+    def slopes(self, residuals: Array, at: Array, unit: Array, difference: float) -> Array:
+        """Derivatives of the predictions by each parameter in `unit`, shape (parameters, rows, entries)."""
+        step = difference * unit
+        moved = at + np.diag(np.where(at + step <= self.bounds[1], step, -step))
+        found = self.workers.each(_left, (self,), list(moved)) if self.workers else [self.left(one) for one in moved]
+        return np.array([(residuals - one) / ((own[index] - at[index]) / unit[index]) for index, (one, own) in enumerate(zip(found, moved, strict=True))])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A pool cannot be sent to its own processes."""
+        return {**self.__dict__, "workers": None}
+
+
+def _left(parameters: Parameters, at: Array) -> Array:
+    return parameters.left(at)
+
+
 def fitted(
-    replay: Predictor, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings, iterations: int
+    replay: Predictor,
+    hypotheses: Sequence[Hypothesis],
+    values: Sequence[Sequence[float]],
+    rows: Rows,
+    settings: ReplaySettings,
+    iterations: int,
+    workers: Workers | None = None,
 ) -> Model:
     """`hypotheses` with the parameters that leave least, sought from `values` by Levenberg-Marquardt steps.
 
     Each step lowers the sum of log(1 + (residual / scale)²), the scale being that of the residuals before it: as the fit gets better what is off counts less.
     """
-    hypotheses, sizes = tuple(hypotheses), [one.size for one in hypotheses]
-    low, high = (np.concatenate([one.bounds[side] for one in hypotheses]) for side in (0, 1))
-    at = np.clip(np.concatenate([np.asarray(own, float) for own in values]), low, high)
-    unit = np.concatenate([_unit(one, own) for one, own in zip(hypotheses, values, strict=True)])
-
-    def parted(at: Array) -> list[Array]:
-        return np.split(at, np.cumsum(sizes)[:-1])
-
-    def left(at: Array) -> Array:
-        return replay.residuals(effects_of(hypotheses, [own.tolist() for own in parted(at)]), rows)
-
+    whole = Parameters(replay, tuple(hypotheses), rows, workers)
+    low, high = whole.bounds
+    at, unit, left = np.clip(np.concatenate([np.asarray(own, float) for own in values]), low, high), whole.unit(values), whole.left
     residuals, damping, difference = left(at), 1e-3, settings.difference
-    for _ in range(iterations):
+    for iteration in range(iterations):
         if float(np.max(np.abs(residuals))) < settings.exact**2:
             break
         scale = settings.softness * scales_of(residuals, settings)
         weights = 1 / (scale**2 * (1 + (residuals / scale) ** 2))
-        slopes = _slopes(left, residuals, at, unit, low, high, difference)
-        weights *= _smooth(slopes.reshape(len(at), *residuals.shape), settings)
+        slopes = whole.slopes(residuals, at, unit, difference)
+        weights *= smooth(slopes.reshape(len(at), *residuals.shape), settings)
         slopes = slopes.reshape(len(at), -1)
         gram, along = (slopes * weights.ravel()) @ slopes.T, (slopes * weights.ravel()) @ residuals.ravel()
         cost, gained = _cost(residuals, scale), 0.0
-        for _ in range(4):
+        # Nobody knows at first how far slopes lead.
+        for _ in range(settings.dampings if iteration else settings.dampings_first):
             step = np.linalg.lstsq(gram + damping * np.diag(np.diagonal(gram) + 1e-300), along, rcond=1e-10)[0]
             trial = np.clip(at + unit * step, low, high)
             missed = left(trial)
@@ -164,13 +211,11 @@ def fitted(
         if gained < settings.converged * cost:
             break
     at, residuals = _walked(left, at, residuals, unit, low, high, settings)
-    plain = tuple(tuple(own.tolist()) for own in parted(at))
-    return Model(hypotheses, plain, residuals, description(residuals, len(at), settings))
+    plain = tuple(tuple(own) for own in whole.parted(at))
+    return Model(whole.hypotheses, plain, residuals, description(residuals, len(at), settings))
 
 
-def _walked(
-    left: Callable[[Array], Array], at: Array, residuals: Array, unit: Array, low: Array, high: Array, settings: ReplaySettings
-) -> tuple[Array, Array]:
+def _walked(left: Callable[[Array], Array], at: Array, residuals: Array, unit: Array, low: Array, high: Array, settings: ReplaySettings) -> tuple[Array, Array]:
     """Parameters and residuals after walking along one parameter after another for as long as the description shrinks, in the settings' `walks`.
 
     Where single contacts make slopes rough, it leads on after least squares have come to a stop.
@@ -203,7 +248,7 @@ def _unit(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
     return np.asarray(np.where(sizes > 0, sizes, largest if largest > 0 else 1.0))
 
 
-def _smooth(slopes: Array, settings: ReplaySettings) -> Array:
+def smooth(slopes: Array, settings: ReplaySettings) -> Array:
     """1 for rows in which the predictions answer in proportion, 0 for those in which they jump, as where a contact comes a step sooner; shape (rows, 1).
 
     A jump over a small difference looks like an enormous slope. What is usual is told by the rows that answer at all: a limit acts on few.
@@ -215,16 +260,6 @@ def _smooth(slopes: Array, settings: ReplaySettings) -> Array:
     return np.asarray(np.all(size <= settings.jump * usual, axis=(0, 2)), float)[:, None]
 
 
-def _slopes(left: Callable[[Array], Array], residuals: Array, at: Array, unit: Array, low: Array, high: Array, difference: float) -> Array:
-    """Derivatives of the predictions by each parameter in `unit`, shape (parameters, rows, entries)."""
-    found = []
-    for index in range(len(at)):
-        moved = at.copy()
-        moved[index] += difference * unit[index] * (1 if at[index] + difference * unit[index] <= high[index] else -1)
-        found.append((residuals - left(moved)) / ((moved[index] - at[index]) / unit[index]))
-    return np.array(found)
-
-
 def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
     """Of all parameters of `model`, shape (parameters,), from the spread of blocks of rows about the fit; infinite where the transitions do not tell.
 
@@ -232,18 +267,11 @@ def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: Repla
     """
     if not model.size:
         return np.zeros(0)
-    low, high = (np.concatenate([one.bounds[side] for one in model.hypotheses]) for side in (0, 1))
-    at = np.concatenate([np.asarray(own, float) for own in model.values])
-    unit = np.concatenate([_unit(one, own) for one, own in zip(model.hypotheses, model.values, strict=True)])
-    sizes = np.cumsum([one.size for one in model.hypotheses])[:-1]
-
-    def left(at: Array) -> Array:
-        return replay.residuals(effects_of(model.hypotheses, [own.tolist() for own in np.split(at, sizes)]), rows)
-
-    residuals = model.residuals
+    whole, at = Parameters(replay, model.hypotheses, rows), np.concatenate([np.asarray(own, float) for own in model.values])
+    residuals, unit = model.residuals, whole.unit(model.values)
     scale = settings.softness * scales_of(residuals, settings)
-    slopes = _slopes(left, residuals, at, unit, low, high, settings.difference)
-    weights = _smooth(slopes, settings) / (scale**2 * (1 + (residuals / scale) ** 2))
+    slopes = whole.slopes(residuals, at, unit, settings.difference)
+    weights = smooth(slopes, settings) / (scale**2 * (1 + (residuals / scale) ** 2))
     gram = np.einsum("are,bre,re->ab", slopes, slopes, weights)
     told = np.diagonal(gram) > settings.told * len(rows)
     block = np.arange(len(rows)) // settings.block

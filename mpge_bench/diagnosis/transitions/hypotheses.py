@@ -94,13 +94,11 @@ def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> list[Hypothesis]:
     """All that are looked for in transitions of `robot`."""
-    model, joints = robot.load(), tuple(robot.actuators)
-    return listed(CATALOGUE.values(), joints, joints, moved_links(model), _scales(robot, model, episodes, settings))
+    model, joints = robot.load(), tuple(joint for joint in robot.joints if joint not in robot.auxiliary)
+    return listed(CATALOGUE.values(), tuple(robot.actuators), joints, moved_links(model), _scales(robot, model, episodes, settings))
 
 
-def listed(
-    kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Scales
-) -> list[Hypothesis]:
+def listed(kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Scales) -> list[Hypothesis]:
     """Effects of these kinds on each thing that they could act on, and on all its like.
 
     Args:

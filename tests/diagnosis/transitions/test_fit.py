@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.fit import Model, _smooth, chance_of, description, fitted
+from mpge_bench.diagnosis.transitions.fit import Model, chance_of, description, fitted, smooth
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs import get_task
@@ -28,7 +28,7 @@ def test_rows_in_which_predictions_jump_do_not_count_and_the_few_that_answer_do(
     slopes = np.zeros((1, 200, 2))
     slopes[0, :15] = np.random.default_rng(0).uniform(1, 2, (15, 2))
     slopes[0, 3] = 1e6
-    counted = _smooth(slopes, SETTINGS)[:, 0]
+    counted = smooth(slopes, SETTINGS)[:, 0]
     assert np.flatnonzero(counted == 0).tolist() == [3]
 
 

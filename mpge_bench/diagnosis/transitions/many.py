@@ -1,0 +1,103 @@
+"""What robots of one make usually differ by (sizes, friction, damping, rotors, gravity), fitted all at once, and then only what is needed of it.
+
+Where many things differ a little, each of them explains next to nothing, and what explains most is seldom among them.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from mpge_bench.diagnosis.transitions.fit import Model, Parameters, description, scales_of, smooth
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.trials import Trials
+from mpge_bench.envs.effects.vector import parameters_of
+
+_log = logging.getLogger(__name__)
+
+
+def usual(hypotheses: Iterable[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Those by which robots of one make usually differ: some each on each thing, some alike on all."""
+    found = [one for one in hypotheses if one.absent is not None]
+    alike = [one for one in found if one.kind.varies == "alike"]
+    grouped = {one.kind for one in alike if not one.is_single}
+    return (*(one for one in found if one.kind.varies == "each" and one.is_single), *(one for one in alike if not one.is_single or one.kind not in grouped))
+
+
+def usual_differences(trials: Trials) -> Model | None:
+    """All that robots of one make usually differ by, sought from about absence, less what the transitions can do without; None where nothing is usual."""
+    every = usual(trials.hypotheses)
+    if not every or trials.late("fitting many effects at once"):
+        return None
+    many = trials.fitted(every, [_begin(one) for one in every], trials.workers)
+    while not trials.late("fitting many effects at once"):
+        further = trials.fitted(many.hypotheses, many.values, trials.workers)
+        _log.debug("%s: %.4g, %.3g", further.values, further.description, further.missed)
+        gained, many = many.description - further.description, further
+        if gained < trials.settings.material:
+            break
+    return _thinned(trials, trials.add(many))
+
+
+def _begin(one: Hypothesis) -> Sequence[float]:
+    """Absence or, where that is a bound, a start of its own: a tiny rotor is another thing to the simulator than none."""
+    absent, (low, high) = np.array(one.absent), one.bounds
+    return parameters_of(one.starts[0]) if ((absent <= low) | (absent >= high)).any() else absent.tolist()
+
+
+def _thinned(trials: Trials, model: Model) -> Model:
+    """`model` without the hypotheses that it can do without: as many at a time as to first order or, where that is too much, half as many."""
+    while len(model.hypotheses) > 1 and not trials.late("leaving out effects"):
+        without = _left_out(trials, model)
+        idle = _idle(trials, model, without)
+        while idle:
+            rest = without(idle)
+            less = trials.add(trials.fitted(rest.hypotheses, rest.values, trials.workers))
+            if not trials.is_better(model, less):
+                model = less
+                break
+            idle = idle[: len(idle) // 2]
+        else:
+            return model
+    return model
+
+
+def _idle(trials: Trials, model: Model, without: Callable[[Sequence[int]], Model]) -> list[int]:
+    """Places of hypotheses that `model` can do without all at once, to first order, the idlest first; the idlest in any case.
+
+    What is exact is so no longer to first order, whatever can be dropped.
+    """
+    dropped: list[int] = []
+    while len(dropped) + 1 < len(model.hypotheses):
+        described = {place: without([*dropped, place]).description for place in range(len(model.hypotheses)) if place not in dropped}
+        idlest = min(described, key=described.__getitem__)
+        if dropped and described[idlest] > model.description + trials.settings.material:
+            break
+        dropped.append(idlest)
+    return dropped
+
+
+def _left_out(trials: Trials, model: Model) -> Callable[[Sequence[int]], Model]:
+    """What `model` becomes without the hypotheses at some places, the others at their best, to first order about its fit."""
+    settings, owner = trials.settings, np.repeat(np.arange(len(model.hypotheses)), [one.size for one in model.hypotheses])
+    whole, at = Parameters(trials.replay, model.hypotheses, trials.rows, trials.workers), np.concatenate(model.values)
+    unit, away = whole.unit(model.values), np.concatenate([one.absent or () for one in model.hypotheses]) - at
+    slopes = whole.slopes(model.residuals, at, unit, settings.least_difference)
+    scale = settings.softness * scales_of(model.residuals, settings)
+    weights = smooth(slopes, settings) / (scale**2 * (1 + (model.residuals / scale) ** 2))
+    flat = slopes.reshape(len(at), -1)
+    gram, along = (flat * weights.ravel()) @ flat.T, (flat * weights.ravel()) @ model.residuals.ravel()
+
+    def without(places: Sequence[int]) -> Model:
+        free = ~np.isin(owner, places)
+        step = np.where(free, 0.0, away / unit)
+        step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ step)[free], rcond=1e-10)[0]
+        residuals = model.residuals - np.tensordot(step, slopes, 1)
+        values = whole.parted(np.clip(at + unit * step, *whole.bounds))
+        kept = [place for place in range(len(model.hypotheses)) if place not in places]
+        named = tuple(model.hypotheses[place] for place in kept)
+        return Model(named, tuple(tuple(values[place]) for place in kept), residuals, description(residuals, int(free.sum()), settings))
+
+    return without
