@@ -4,6 +4,7 @@
     python benchmarks/unmask.py table OUT
 
 `run` writes one JSON a pair, keeps what is there, and takes all pairs that differ by effects where none is named; `--nothing` holds sources against themselves.
+`table` counts how many of the true effects are named, of those without which the transitions would be described worse by what the search calls material.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,8 +22,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from mpge_bench.diagnosis.transitions.pipeline import unmask
-from mpge_bench.envs import get_task
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.diagnosis.transitions.fit import description
+from mpge_bench.diagnosis.transitions.hypotheses import in_order
+from mpge_bench.diagnosis.transitions.pipeline import parted, unmask
+from mpge_bench.envs import Task, get_task
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.tasks import TASKS
 from mpge_bench.files import write_text
 from mpge_bench.unmask import drawn
@@ -57,6 +65,7 @@ def run(
             "jobs": jobs,
             "seconds": round(time.monotonic() - begun, 1),
             "truth": [] if nothing else [effect.to_dict() for effect in task.effects],
+            "told": [] if nothing else _told(task, target, own),
             "found": [effect.to_dict() for effect in found.effects],
             "diagnosis": found.result.to_json(),
         }
@@ -66,8 +75,8 @@ def run(
 @app.command()
 def table(out: Path) -> None:
     """Print what `run` has written; with noise, how many of the true numbers lie in their 95% intervals, where effect and target are right."""
-    shown = Table("pair", "noise", "verdict", "truth", "found", "in intervals", "s")
-    counts = np.zeros(2, int)
+    shown = Table("pair", "noise", "verdict", "truth", "found", "named", "in intervals", "s")
+    counts, named = np.zeros(2, int), np.zeros(2, int)
     for path in sorted(out.glob("*.json")):
         data = json.loads(path.read_text())
         inside = _inside(data) if data["noise"] else (0, 0)
@@ -77,13 +86,39 @@ def table(out: Path) -> None:
             data["diagnosis"]["verdict"],
             _said(data["truth"]),
             _said(data["found"]),
+            "{} of {}".format(*_named(data)),
             "{} of {}".format(*inside) if inside[1] else "",
             f"{data['seconds']:.0f}",
         )
         counts += inside
+        named += _named(data)
     console = Console(width=200)
     console.print(shown)
+    console.print(f"{named[0]} of {named[1]} true effects named, of those without which the transitions would be described worse")
     console.print(f"{counts[0]} of {counts[1]} numbers in their intervals")
+
+
+def _told(task: Task, target: Episodes, own: Episodes) -> list[bool]:
+    """Of each of the pair's effects, whether the transitions are described worse without it (and its like), all others being as they are."""
+    settings = DEFAULT.replay
+    replay = parted(task.robot, target, own, settings).whole
+    rows = np.arange(len(replay))
+
+    def described(effects: Sequence[Effect]) -> float:
+        return description(replay.residuals(in_order(effects), rows), 0, settings)
+
+    truth, found = described(task.effects), {}
+    for one in task.effects:
+        rest = [other for other in task.effects if replace(other, target=one.target) != one]
+        found[one] = found.get(one) or described(rest) > truth + settings.material
+    return [found[one] for one in task.effects]
+
+
+def _named(data: dict[str, Any]) -> tuple[int, int]:
+    """How many of the true effects that are told are named, and how many are told."""
+    found = {(one["effect"], one["target"]) for one in data["found"]}
+    named = [(one["effect"], one["target"]) in found for one, told in zip(data["truth"], data.get("told") or [True] * len(data["truth"]), strict=True) if told]
+    return sum(named), len(named)
 
 
 def _inside(data: dict[str, Any]) -> tuple[int, int]:

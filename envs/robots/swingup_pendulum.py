@@ -23,6 +23,10 @@ class SwingupPendulum(InvertedPendulum):
     action_limit = 1.0
     observation_size = 5
 
+    @property
+    def observation_names(self) -> list[str]:
+        return ["slider", "cosine of hinge", "sine of hinge", "speed of slider", "speed of hinge"]
+
     def load(self) -> Model:
         model = super().load()
         model.unlimit("hinge")

@@ -470,3 +470,8 @@ def test_an_episode_moves_rewards_and_ends_as_the_robot_says(robot: Robot) -> No
         ended |= terminated
     if "ant" not in robot.name:  # which may or may not have hopped too high
         assert ended == (robot.name in ("inverted_pendulum", "hopper", "walker"))
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+def test_every_entry_of_an_observation_has_a_name(robot: Robot) -> None:
+    assert len(set(robot.observation_names)) == len(robot.observation_names) == robot.observation_size
