@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -39,7 +40,6 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1 / robot.dt)}
         self.world: Physics = simulator.world(robot.joints) if simulator else robot.world(effects)
-        self._rise = robot.rise(effects)
         self._view: World | None = None
         limit = np.full(len(robot.actuators), robot.action_limit)
         self.action_space = gymnasium.spaces.Box(-limit.astype(np.float32), limit.astype(np.float32))
@@ -51,6 +51,11 @@ class RobotEnv(gymnasium.Env[Array, npt.NDArray[np.float32]]):
         #: Where commands stand if the driven joints follow each other, which is faster than one by one.
         self._in_row = slice(first, first + len(self._driven)) if self._driven == list(range(first, first + len(self._driven))) else None
         self._limit = robot.action_limit
+
+    @functools.cached_property
+    def _rise(self) -> float:
+        """How much higher than usual episodes begin, m; to be told takes two worlds, and not every environment begins any."""
+        return self.robot.rise(self.effects)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode from the robot's random initial state."""

@@ -238,8 +238,8 @@ def diagnose(
         float | None,
         typer.Option(
             min=1.0,
-            help="Time budget: about when it is up the best answer so far is given; 75 with recordings, 300 with those of free bodies and contacts,"
-            " 180 with --task. Many joints want more.",
+            help="Time budget: about when it is up the best answer so far is given; 75 with recordings of mechanisms, 300 with those of free bodies and contacts"
+            " and with --task. Many joints want more.",
         ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
@@ -258,7 +258,7 @@ def diagnose(
     if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
         raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")
     if task is not None:
-        _diagnose_pair(task, samples, noise, seed, transitions, out, 180.0 if seconds is None else seconds, jobs, policies)
+        _diagnose_pair(task, samples, noise, seed, transitions, out, 300.0 if seconds is None else seconds, jobs, policies)
         return
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig

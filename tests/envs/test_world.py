@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import math
 import subprocess
@@ -170,6 +171,24 @@ def test_a_fresh_process_repeats_bit_by_bit() -> None:
     code = f"import runpy; digest = runpy.run_path({__file__!r})['digest']; print(*map(digest, {list(ROBOTS)}))"
     fresh = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert fresh == [digest(name) for name in ROBOTS]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_nothing_is_left_of_the_world_whose_client_another_takes_over(name: str) -> None:
+    disconnect_dropped()
+    first = digest(name)
+    disconnect_dropped()
+    odd = World(ROBOTS["ant"].load(), timestep=0.0007, substeps=3, friction=0.3, gravity=(1.0, 2.0, -3.0), iterations=77, bouncing=True)
+    for _ in range(20):
+        odd.step([0.1] * len(odd.joints))
+    client = odd._client
+    del odd
+    gc.collect()
+    world = World(ROBOTS[name].load(), timestep=0.01)
+    assert world._client == client
+    del world
+    gc.collect()
+    assert digest(name) == first
 
 
 def test_ctrl_c_while_a_world_goes_is_not_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
