@@ -238,8 +238,8 @@ def diagnose(
         float | None,
         typer.Option(
             min=1.0,
-            help="Time budget: about when it is up the best answer so far is given; 75 with recordings of mechanisms, 300 with those of free bodies and contacts"
-            " and with --task. Many joints want more.",
+            help="Time budget: about when it is up the best answer so far is given; 75 with recordings of mechanisms, 300 with those of free bodies"
+            " and contacts and with --task. Many joints want more.",
         ),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
