@@ -34,6 +34,8 @@ from mpge_bench.files import write_text
 from mpge_bench.unmask import drawn
 
 app = typer.Typer(add_completion=False, help=__doc__)
+#: Effects that are one where the source has some of it: a rotor scaled is a rotor's inertia added, damping replaced is friction added.
+_ONE = {"rotor_scale": "armature", "joint_damping": "viscous_friction"}
 
 
 @app.command()
@@ -116,8 +118,12 @@ def _told(task: Task, target: Episodes, own: Episodes) -> list[bool]:
 
 def _named(data: dict[str, Any]) -> tuple[int, int]:
     """How many of the true effects that are told are named, and how many are told."""
-    found = {(one["effect"], one["target"]) for one in data["found"]}
-    named = [(one["effect"], one["target"]) in found for one, told in zip(data["truth"], data.get("told") or [True] * len(data["truth"]), strict=True) if told]
+
+    def key(one: dict[str, Any]) -> tuple[str, str]:
+        return _ONE.get(one["effect"], one["effect"]), one["target"]
+
+    found = {key(one) for one in data["found"]}
+    named = [key(one) in found for one, told in zip(data["truth"], data.get("told") or [True] * len(data["truth"]), strict=True) if told]
     return sum(named), len(named)
 
 

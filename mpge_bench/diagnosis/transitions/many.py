@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from mpge_bench.diagnosis.transitions.fit import Model, Parameters, description, scales_of, smooth
+from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, description, fitted, scales_of, smooth
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.trials import Trials
 from mpge_bench.envs.effects.vector import parameters_of
@@ -31,14 +32,40 @@ def usual_differences(trials: Trials) -> Model | None:
     every = usual(trials.hypotheses)
     if not every or trials.late("fitting many effects at once"):
         return None
-    many = trials.fitted(every, [_begin(one) for one in every], trials.workers)
+    many = _converged(trials, every, [_begin(one) for one in every])
+    return _restored(trials, _thinned(trials, trials.add(many)), every)
+
+
+def _converged(trials: Trials, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
+    """Fitted on for as long as that gains."""
+    model = trials.fitted(hypotheses, values, trials.workers)
     while not trials.late("fitting many effects at once"):
-        further = trials.fitted(many.hypotheses, many.values, trials.workers)
+        further = trials.fitted(model.hypotheses, model.values, trials.workers)
         _log.debug("%s: %.4g, %.3g", further.values, further.description, further.missed)
-        gained, many = many.description - further.description, further
+        gained, model = model.description - further.description, further
         if gained < trials.settings.material:
             break
-    return _thinned(trials, trials.add(many))
+    return model
+
+
+def _restored(trials: Trials, model: Model, every: Sequence[Hypothesis]) -> Model:
+    """`model` with those of `every` that it needs after all.
+
+    A fit of fewer parameters goes on where that of many had come to a stop, which hides what was lost.
+    """
+    while not trials.late("taking effects in again"):
+        left = [one for one in every if one.key not in model.key]
+        drafts = [((*model.hypotheses, one), (*model.values, tuple(_begin(one)))) for one in left]
+        richer: list[Model] = trials.each(_fitted, (trials.replay, trials.rows, trials.settings), drafts)  # type: ignore[assignment]
+        best = min(richer, key=lambda one: one.description, default=model)
+        if not trials.is_better(best, model):
+            return model
+        model = trials.add(_converged(trials, best.hypotheses, best.values))
+    return model
+
+
+def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, draft: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]]) -> Model:
+    return fitted(replay, *draft, rows, settings, settings.iterations)
 
 
 def _begin(one: Hypothesis) -> Sequence[float]:
