@@ -16,6 +16,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from mpge_bench.baselines.agent import AgentSettings, train_grounded
 from mpge_bench.baselines.grounding.augmented import AugmentedMDP
 from mpge_bench.baselines.grounding.discriminator import Discriminator, DiscriminatorSettings
+from mpge_bench.baselines.grounding.finished import taken_up
 from mpge_bench.baselines.grounding.learner import LEARNERS
 from mpge_bench.baselines.grounding.transformation import LearntTransformation
 from mpge_bench.baselines.method import Method, Result
@@ -164,7 +165,21 @@ def ground_ensemble(
         (problem.source, rollouts, target, problem.shares(len(rollouts)), settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
         for member in range(settings.ensemble)
     ]
-    return side_by_side(ground, calls, jobs, progress.advance)
+    return side_by_side(_grounded, calls, jobs, progress.advance)
+
+
+def _grounded(
+    source: Callable[[], RobotEnv],
+    rollouts: PolicySet,
+    target: Transitions,
+    shares: Sequence[int],
+    settings: GroundingSettings,
+    seed: int,
+    log_dir: Path,
+    advance: Advance,
+) -> dict[int, dict[str, Array]]:
+    """As `ground`, or what it made in this folder before the run was cut short."""
+    return taken_up(log_dir, lambda: ground(source, rollouts, target, shares, settings, seed, log_dir, advance), advance)
 
 
 class MPG(Method):

@@ -25,6 +25,7 @@ from safetensors.torch import save_file
 
 from mpge_bench import numerics, policies
 from mpge_bench.baselines.evaluation import EPISODES, SEED, returns
+from mpge_bench.baselines.grounding.finished import NAME as FINISHED
 from mpge_bench.baselines.grounding.store import save_grounding
 from mpge_bench.baselines.method import Method, Result
 from mpge_bench.baselines.policy import Policy, PolicySet, policy_from
@@ -47,6 +48,8 @@ from mpge_bench.provenance import commit
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
 #: In a run's partial folder, held while the run is made.
 _LOCK = "lock"
+#: Beside it: what the run was asked for and by which libraries and physics, so that only the very same run goes on from its groundings.
+_ASKED = "asked.json"
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,8 @@ def run(
     Beside these, ``curve.parquet`` holds the action-transformation error by grounding steps, ``episodes.parquet`` the returns while a method learnt in
     the target, ``residuals.parquet`` and ``residuals.png`` what no action of the source can do.
 
-    A result that is there already is returned as it is. Until everything is done the files lie in a folder called ``….partial``, removed on failure.
+    A result that is there already is returned as it is. Until everything is done the files lie in a folder called ``….partial``, removed on failure
+    but for groundings that are done: the same run, started again, learns its agent in them.
 
     Args:
         settings: what to run.
@@ -149,11 +153,14 @@ def run(
     known = references(settings.task, policy_folder)
     problem = problem_of(settings, chosen, policy_folder)
     with _own_folder(settings, out) as partial:
+        resumed = _taken_up(partial, {"settings": asdict(settings), "chosen": asdict(chosen), "made_from": known.made_from, "versions": _versions()})
         data = _made(settings, chosen, problem, known, partial, progress, jobs)
+        data["machine"]["resumed"] = resumed
         written = json.dumps(data, indent=1, default=_plain)
         (partial / "result.json").write_text(written + "\n")
         shutil.rmtree(folder, ignore_errors=True)
-        (partial / _LOCK).unlink()
+        for path in (partial / _LOCK, partial / _ASKED, *partial.rglob(FINISHED)):
+            path.unlink()
         partial.replace(folder)
     return dict(json.loads(written))
 
@@ -184,10 +191,14 @@ def _made(settings: RunSettings, chosen: Any, problem: Problem, known: Reference
             "evaluation": round(time.monotonic() - evaluated, 1),
             "total": round(time.monotonic() - begun, 1),
         },
-        "versions": {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()},
+        "versions": _versions(),
         "commit": commit(),
         "machine": {"system": platform.platform(), "cores": os.cpu_count(), "jobs": jobs, "fixed_code_path": numerics.is_fixed()},
     }
+
+
+def _versions() -> dict[str, str]:
+    return {name: version(name) for name in _PACKAGES} | {"python": platform.python_version()}
 
 
 def _asked(settings: RunSettings, task: Task, method: Method, chosen: Any) -> dict[str, Any]:
@@ -230,7 +241,7 @@ def _stored(folder: Path, result: Result, policy: Policy, task: Task) -> dict[st
 
 @contextmanager
 def _own_folder(settings: RunSettings, out: Path) -> Iterator[Path]:
-    """The run's folder ``….partial``, empty and this process's alone; removed at the end, unless it was moved to its final place.
+    """The run's folder ``….partial``, this process's alone; removed at the end, unless it was moved to its final place or holds finished groundings.
 
     Raises:
         UserError: if it cannot be written to, or another process is at work in it.
@@ -245,15 +256,27 @@ def _own_folder(settings: RunSettings, out: Path) -> Iterator[Path]:
     except OSError as error:
         raise UserError(f"{settings.folder(out)}: cannot be written to ({error.strerror}); choose another folder with --out") from error
     try:
-        for remains in partial.iterdir():  # of a run that was killed
-            if remains.is_dir():
-                shutil.rmtree(remains)
-            elif remains.name != _LOCK:
-                remains.unlink()
         yield partial
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if not any(partial.rglob(FINISHED)):
+            shutil.rmtree(partial, ignore_errors=True)
         lock.release()
+
+
+def _taken_up(partial: Path, asked: dict[str, Any]) -> bool:
+    """Whether finished groundings are there of a run that was asked for the same, and was cut short; all else that it left is removed."""
+    written, path = json.dumps(asked, default=str), partial / _ASKED
+    same = path.exists() and path.read_text() == written
+    kept = {one.parent for one in partial.rglob(FINISHED)} if same else set()
+    for remains in sorted(partial.rglob("*"), reverse=True):
+        if remains.parent in kept or remains == partial / _LOCK:
+            continue
+        if not remains.is_dir():
+            remains.unlink()
+        elif not any(remains.iterdir()):
+            remains.rmdir()
+    path.write_text(written)
+    return bool(kept)
 
 
 def remove_remains(settings: RunSettings, out: Path) -> None:

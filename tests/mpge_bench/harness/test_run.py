@@ -13,6 +13,7 @@ import pytest
 from filelock import FileLock
 from safetensors.numpy import load_file
 
+from mpge_bench.baselines import mpg
 from mpge_bench.baselines.mpg import MPG
 from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs.errors import UserError
@@ -118,6 +119,36 @@ def test_a_run_that_ends_halfway_leaves_nothing_that_looks_finished(policy_folde
     with pytest.raises(failure):
         run(SMOKE, tmp_path / "out", policy_folder=policy_folder)
     assert files(tmp_path / "out") == []
+
+
+def test_a_run_cut_short_while_its_agent_learns_goes_on_from_its_groundings(policy_folder, tmp_path, monkeypatch):
+    whole = run(SMOKE, tmp_path / "whole", policy_folder=policy_folder)
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mpg, "train_grounded", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run(SMOKE, tmp_path / "cut", policy_folder=policy_folder)
+    with monkeypatch.context() as patch:
+        patch.setattr(mpg, "ground", interrupted)
+        resumed = run(SMOKE, tmp_path / "cut", policy_folder=policy_folder)
+    assert (whole["machine"]["resumed"], resumed["machine"]["resumed"]) == (False, True)
+    for changing in ("wall_clock_s", "machine"):
+        del whole[changing], resumed[changing]
+    assert resumed == whole
+    kept = [sorted(path.name for path in files(tmp_path / one) if "events" not in path.name) for one in ("whole", "cut")]
+    assert kept[0] == kept[1]
+    assert len({(SMOKE.folder(tmp_path / one) / "policy.safetensors").read_bytes() for one in ("whole", "cut")}) == 1
+
+
+def test_groundings_of_another_run_are_not_taken_up(policy_folder, tmp_path, monkeypatch):
+    folder = SMOKE.partial(tmp_path) / "tensorboard/grounding_0"
+    folder.mkdir(parents=True)
+    (folder / "finished.safetensors").write_text("not what it should be")
+    (SMOKE.partial(tmp_path) / "asked.json").write_text("{}")
+    assert run(SMOKE, tmp_path, policy_folder=policy_folder)["machine"]["resumed"] is False
 
 
 def test_remains_of_a_killed_run_do_not_disturb(policy_folder, tmp_path):
