@@ -119,12 +119,13 @@ def coverage(cases: Sequence[Case]) -> Iterator[str]:
 
 
 def calibration(cases: Sequence[Case]) -> Iterator[str]:
-    """How many answers are right, by the confidence that they state; of effects in the catalogue."""
+    """How many of the effects that were named are there, by the confidence that was stated of each; of cases within the catalogue."""
     bins: dict[int, list[tuple[float, bool]]] = {}
     for case in cases:
-        said = [one["confidence"] for one in case.data.get("effects", ()) if one["confidence"] is not None]
-        if said and all(one["catalogued"] for one in case.truth):
-            bins.setdefault(min(int(BINS * min(said)), BINS - 1), []).append((min(said), case.named))
+        truth = {(one["effect"], one["target"]) for one in case.truth}
+        for one in case.data.get("effects", ()) if all(one["catalogued"] for one in case.truth) else ():
+            if one["confidence"] is not None:
+                bins.setdefault(min(int(BINS * one["confidence"]), BINS - 1), []).append((one["confidence"], (one["effect"], one["target"]) in truth))
     for index, found in sorted(bins.items()):
         stated, right = np.mean([confidence for confidence, _ in found]), sum(right for _, right in found)
         yield f"confidence {index / BINS:.1f} to {(index + 1) / BINS:.1f}: {right} of {len(found)} right ({right / len(found):.0%}), {stated:.0%} stated"

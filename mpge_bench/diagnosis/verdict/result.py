@@ -54,7 +54,7 @@ class FoundEffect:
     """An effect that the diagnosis names, or ``"unknown"``, a curve.
 
     Attributes:
-        confidence: that it is this and none of those it may be mistaken for, 0 to 1.
+        confidence: that it is this and none of those it may be mistaken for, 0 to 1; None of a nameless curve, or where none is worked out.
         depends_on: signals that a curve is over.
     """
 
