@@ -265,6 +265,7 @@ class ReplaySettings:
     equal: float = _setting(0.005, "nats an entry", "models that differ by less are told apart by how plain they are")
     near: float = _setting(3.0, "times", "what a draft may miss of what a model does, to have a chance in its place")
     most: int = _setting(6, "hypotheses", "of a model, at most")
+    rounds: int = _setting(2, "rounds", "after which, where something is left, all that robots of one make usually differ by is fitted at once")
     block: int = _setting(5, "rows", "neighbouring ones, whose noise is alike, count as one piece of evidence")
     apart: int = _setting(30, "rows", "after which what is missed has forgotten what was put right, most of it within ten")
     leftover: float = _setting(0.01, "probability", "that as much as a model leaves is noise, below which more is looked for")

@@ -72,24 +72,32 @@ class Search(Trials):
 
     def explained(self) -> Model:
         """The best model: of one hypothesis after another or, where the first leaves something, of all that robots of one make usually differ by."""
-        chosen = self.add(model_of(self.replay, (), (), self.rows, self.settings))
+        chosen, rounds = self.add(model_of(self.replay, (), (), self.rows, self.settings)), 0
         while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
-            many = usual_differences(self) if len(chosen.hypotheses) == 1 else None
-            if many is not None and self.is_better(many, chosen):
-                return many
-            chosen = self.focused(chosen)
-            # Columns of a round before are a little off, and cost nothing; where they lead nowhere though something is missing, new ones may.
-            fresh = not self.columns
-            richer = self.grown(chosen)
-            if not fresh and not self.is_better(richer, chosen) and not self.late("looking for effects"):
-                self.columns.clear()
-                richer = self.grown(chosen)
-            if richer is None or not self.is_better(richer, chosen):
-                break
+            richer = self.taken_in(chosen)
+            rounds, is_stuck = rounds + 1, richer is chosen
             chosen = richer
+            # Not at once: what two rounds find takes less time so.
+            if chosen.hypotheses and (rounds == self.settings.rounds or (is_stuck and rounds < self.settings.rounds)):
+                many = usual_differences(self) if self.is_lacking(chosen, self.settings.exact_share) else None
+                if many is not None and self.is_better(many, chosen):
+                    return many
+            if is_stuck:
+                break
         return self.alone(self.needed(chosen))
+
+    def taken_in(self, model: Model) -> Model:
+        """`model`, or what is better by one more hypothesis or several of a kind."""
+        model = self.focused(model)
+        # Columns of a round before are a little off, and cost nothing; where they lead nowhere though something is missing, new ones may.
+        fresh = not self.columns
+        richer = self.grown(model)
+        if not fresh and not self.is_better(richer, model) and not self.late("looking for effects"):
+            self.columns.clear()
+            richer = self.grown(model)
+        return richer if richer is not None and self.is_better(richer, model) else model
 
     def nothing(self) -> Answer:
         """The answer where there is no mismatch."""
