@@ -162,24 +162,10 @@ def ground_ensemble(
     """N groundings that differ by seed alone, up to `jobs` of them at a time."""
     progress.stage(f"grounding × {settings.ensemble}", settings.ensemble * _batches(settings.grounding) * settings.grounding.batch_size)
     calls = [
-        (problem.source, rollouts, target, problem.shares(len(rollouts)), settings.grounding, seed * 1000 + member, log_dir / f"grounding_{member}")
+        (ground, (problem.source, rollouts, target, problem.shares(len(rollouts)), settings.grounding, seed * 1000 + member), log_dir / f"grounding_{member}")
         for member in range(settings.ensemble)
     ]
-    return side_by_side(_grounded, calls, jobs, progress.advance)
-
-
-def _grounded(
-    source: Callable[[], RobotEnv],
-    rollouts: PolicySet,
-    target: Transitions,
-    shares: Sequence[int],
-    settings: GroundingSettings,
-    seed: int,
-    log_dir: Path,
-    advance: Advance,
-) -> dict[int, dict[str, Array]]:
-    """As `ground`, or what it made in this folder before the run was cut short."""
-    return taken_up(log_dir, lambda: ground(source, rollouts, target, shares, settings, seed, log_dir, advance), advance)
+    return side_by_side(taken_up, calls, jobs, progress.advance)
 
 
 class MPG(Method):

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors.numpy import load_file, save_file
 
 from mpge_bench.baselines.policy import Array
+from mpge_bench.baselines.workers import Advance
 
 #: In the folder of a grounding's curves; the harness takes it out of a result.
 NAME = "finished.safetensors"
 
 
-def taken_up(folder: Path, ground: Callable[[], dict[int, dict[str, Array]]], advance: Callable[[int], None]) -> dict[int, dict[str, Array]]:
-    """What `ground` makes, weights by name at each number of steps, or what it once made in this run's `folder`; `advance` is told of these steps."""
+def taken_up(ground: Callable[..., dict[int, dict[str, Array]]], call: tuple[Any, ...], folder: Path, advance: Advance) -> dict[int, dict[str, Array]]:
+    """What ``ground(*call, folder, advance)`` makes, weights by name at each number of steps, or what it once made in this run's `folder`."""
     path = folder / NAME
     if path.exists():
         found: dict[int, dict[str, Array]] = {}
@@ -24,7 +26,7 @@ def taken_up(folder: Path, ground: Callable[[], dict[int, dict[str, Array]]], ad
             found.setdefault(int(steps), {})[name] = value
         advance(max(found))
         return dict(sorted(found.items()))
-    made = ground()
+    made = ground(*call, folder, advance)
     half = path.with_suffix(".partial")
     save_file({f"{steps}.{name}": np.ascontiguousarray(value) for steps, weights in made.items() for name, value in weights.items()}, half)
     half.replace(path)

@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.many import usual_differences
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again, together
-from mpge_bench.diagnosis.transitions.trials import Trials
+from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
 
 Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -168,7 +168,8 @@ class Search(Trials):
             looks = self.looks(replay, model, [one for one in self.hypotheses if (one.size == 1) is plain])
             most = max([most, *(one.gain for one in looks)])
             looks = [one for one in looks if one.gain > settings.promising * most]
-            begun: list[Model] = self.each(_drafted, (replay, model, self.few, settings, settings.iterations_first), looks)  # type: ignore[assignment]
+            shared = (replay, model, self.few, settings, settings.iterations_first)
+            begun: list[Model] = self.each(fitted_beside, shared, [(one.hypotheses, one.start) for one in looks])  # type: ignore[assignment]
             begun.sort(key=lambda one: one.description)
             found += begun[settings.followed :]
             found += self.each(_fitted, (replay, self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
@@ -223,7 +224,8 @@ class Search(Trials):
         known = sorted((one for one in known if one.gain > least), key=lambda one: (one.hypotheses[0].size, -one.gain))
         if self.late("one effect in the place of several"):
             return model
-        drafts: list[Model] = self.each(_drafted, (self.replay, nominal, self.few, self.settings, self.settings.iterations_polish), known)  # type: ignore[assignment]
+        shared = (self.replay, nominal, self.few, self.settings, self.settings.iterations_polish)
+        drafts: list[Model] = self.each(fitted_beside, shared, [(one.hypotheses, one.start) for one in known])  # type: ignore[assignment]
         for draft in drafts:
             # Only one that is as near has a chance.
             if draft.missed > self.settings.near * max(model.missed, self.settings.exact):
@@ -268,11 +270,6 @@ def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, 
     """Less of plainer models: fewer parameters, fewer hypotheses, fewer things acted on, commoner physics."""
     acted_on = sum(_EVERYTHING if "*" in one.targets else len(one.targets) for one in model.hypotheses)
     return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)
-
-
-def _drafted(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, iterations: int, look: Look) -> Model:
-    """What is looked at, fitted beside `model`."""
-    return fitted(replay, (*model.hypotheses, *look.hypotheses), (*model.values, *look.start), rows, settings, iterations)
 
 
 def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:

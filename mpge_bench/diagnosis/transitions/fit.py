@@ -138,6 +138,11 @@ class Parameters:
         low, high = (np.concatenate([one.bounds[side] for one in self.hypotheses]) for side in (0, 1))
         return low, high
 
+    @staticmethod
+    def vector(values: Sequence[Sequence[float]]) -> Array:
+        """Each hypothesis's own, one after another, shape (parameters,)."""
+        return np.concatenate([np.asarray(own, float) for own in values])
+
     def unit(self, values: Sequence[Sequence[float]]) -> Array:
         """About how large each is, shape (parameters,)."""
         return np.concatenate([_unit(one, own) for one, own in zip(self.hypotheses, values, strict=True)])
@@ -181,17 +186,13 @@ def fitted(
     """
     whole = Parameters(replay, tuple(hypotheses), rows, workers)
     low, high = whole.bounds
-    at, unit, left = np.clip(np.concatenate([np.asarray(own, float) for own in values]), low, high), whole.unit(values), whole.left
+    at, unit, left = np.clip(whole.vector(values), low, high), whole.unit(values), whole.left
     residuals, damping, difference = left(at), 1e-3, settings.difference
     for iteration in range(iterations):
         if float(np.max(np.abs(residuals))) < settings.exact**2:
             break
         scale = settings.softness * scales_of(residuals, settings)
-        weights = 1 / (scale**2 * (1 + (residuals / scale) ** 2))
-        slopes = whole.slopes(residuals, at, unit, difference)
-        weights *= smooth(slopes.reshape(len(at), *residuals.shape), settings)
-        slopes = slopes.reshape(len(at), -1)
-        gram, along = (slopes * weights.ravel()) @ slopes.T, (slopes * weights.ravel()) @ residuals.ravel()
+        gram, along = normal_equations(whole.slopes(residuals, at, unit, difference), residuals, settings)
         cost, gained = _cost(residuals, scale), 0.0
         # Nobody knows at first how far slopes lead.
         for _ in range(settings.dampings if iteration else settings.dampings_first):
@@ -248,6 +249,18 @@ def _unit(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
     return np.asarray(np.where(sizes > 0, sizes, largest if largest > 0 else 1.0))
 
 
+def normal_equations(slopes: Array, residuals: Array, settings: ReplaySettings) -> tuple[Array, Array]:
+    """Gram matrix of `slopes`, shape (parameters, rows, entries), and their products with `residuals`, shape (parameters,), both weighted."""
+    weights, flat = _weights(slopes, residuals, settings).ravel(), slopes.reshape(len(slopes), -1)
+    return (flat * weights) @ flat.T, (flat * weights) @ residuals.ravel()
+
+
+def _weights(slopes: Array, residuals: Array, settings: ReplaySettings) -> Array:
+    """Of `residuals` in sums of squares, shaped as they are: what is far off counts less, rows in which predictions jump not at all."""
+    scale = settings.softness * scales_of(residuals, settings)
+    return np.asarray(smooth(slopes, settings) / (scale**2 * (1 + (residuals / scale) ** 2)))
+
+
 def smooth(slopes: Array, settings: ReplaySettings) -> Array:
     """1 for rows in which the predictions answer in proportion, 0 for those in which they jump, as where a contact comes a step sooner; shape (rows, 1).
 
@@ -267,15 +280,14 @@ def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: Repla
     """
     if not model.size:
         return np.zeros(0)
-    whole, at = Parameters(replay, model.hypotheses, rows), np.concatenate([np.asarray(own, float) for own in model.values])
+    whole = Parameters(replay, model.hypotheses, rows)
     residuals, unit = model.residuals, whole.unit(model.values)
-    scale = settings.softness * scales_of(residuals, settings)
-    slopes = whole.slopes(residuals, at, unit, settings.difference)
-    weights = smooth(slopes, settings) / (scale**2 * (1 + (residuals / scale) ** 2))
+    slopes = whole.slopes(residuals, whole.vector(model.values), unit, settings.difference)
+    weights = _weights(slopes, residuals, settings)
     gram = np.einsum("are,bre,re->ab", slopes, slopes, weights)
     told = np.diagonal(gram) > settings.told * len(rows)
     block = np.arange(len(rows)) // settings.block
-    scores = np.zeros((block[-1] + 1, len(at)))
+    scores = np.zeros((block[-1] + 1, len(unit)))
     np.add.at(scores, block, np.einsum("are,re,re->ra", slopes, weights, residuals))
     inverse = np.linalg.pinv(gram, rcond=1e-10)
     covariance = inverse @ scores.T @ scores @ inverse

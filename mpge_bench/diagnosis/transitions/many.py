@@ -12,10 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, description, fitted, scales_of, smooth
+from mpge_bench.diagnosis.transitions.fit import Model, Parameters, description, normal_equations
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
-from mpge_bench.diagnosis.transitions.trials import Trials
+from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
 from mpge_bench.envs.effects.vector import parameters_of
 
 _log = logging.getLogger(__name__)
@@ -71,17 +70,14 @@ def _restored(trials: Trials, model: Model, every: Sequence[Hypothesis]) -> Mode
     """
     while not trials.late("taking effects in again"):
         left = [one for one in every if one.key not in model.key]
-        drafts = [((*model.hypotheses, one), (*model.values, tuple(_begin(one)))) for one in left]
-        richer: list[Model] = trials.each(_fitted, (trials.replay, trials.rows, trials.settings), drafts)  # type: ignore[assignment]
+        drafts = [((one,), (tuple(_begin(one)),)) for one in left]
+        shared = (trials.replay, model, trials.rows, trials.settings, trials.settings.iterations)
+        richer: list[Model] = trials.each(fitted_beside, shared, drafts)  # type: ignore[assignment]
         best = min(richer, key=lambda one: one.description, default=model)
         if not trials.is_better(best, model):
             return model
         model = trials.add(_converged(trials, best.hypotheses, best.values))
     return model
-
-
-def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, draft: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]]) -> Model:
-    return fitted(replay, *draft, rows, settings, settings.iterations)
 
 
 def _begin(one: Hypothesis) -> Sequence[float]:
@@ -125,13 +121,10 @@ def _idle(trials: Trials, model: Model, without: Callable[[Sequence[int]], Model
 def _left_out(trials: Trials, model: Model) -> Callable[[Sequence[int]], Model]:
     """What `model` becomes without the hypotheses at some places, the others at their best, to first order about its fit."""
     settings, owner = trials.settings, np.repeat(np.arange(len(model.hypotheses)), [one.size for one in model.hypotheses])
-    whole, at = Parameters(trials.replay, model.hypotheses, trials.rows, trials.workers), np.concatenate(model.values)
-    unit, away = whole.unit(model.values), np.concatenate([one.absent or () for one in model.hypotheses]) - at
+    whole, at = Parameters(trials.replay, model.hypotheses, trials.rows, trials.workers), Parameters.vector(model.values)
+    unit, away = whole.unit(model.values), Parameters.vector([one.absent or () for one in model.hypotheses]) - at
     slopes = whole.slopes(model.residuals, at, unit, settings.least_difference)
-    scale = settings.softness * scales_of(model.residuals, settings)
-    weights = smooth(slopes, settings) / (scale**2 * (1 + (model.residuals / scale) ** 2))
-    flat = slopes.reshape(len(at), -1)
-    gram, along = (flat * weights.ravel()) @ flat.T, (flat * weights.ravel()) @ model.residuals.ravel()
+    gram, along = normal_equations(slopes, model.residuals, settings)
 
     def without(places: Sequence[int]) -> Model:
         free = ~np.isin(owner, places)

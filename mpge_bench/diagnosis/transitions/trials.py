@@ -107,3 +107,15 @@ class Trials:
     def fitted(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], workers: Workers | None = None) -> Model:
         """To the end, from `values`."""
         return fitted(self.replay, hypotheses, values, self.rows, self.settings, self.settings.iterations_polish, workers)
+
+
+def fitted_beside(
+    replay: Predictor,
+    model: Model,
+    rows: Rows,
+    settings: ReplaySettings,
+    iterations: int,
+    added: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]],
+) -> Model:
+    """`model` and hypotheses `added` to it, with the parameters from which theirs are sought, fitted together."""
+    return fitted(replay, (*model.hypotheses, *added[0]), (*model.values, *added[1]), rows, settings, iterations)
