@@ -255,6 +255,8 @@ class ReplaySettings:
     exact: float = _setting(1e-8, "spreads of a step's change", "what is missed below this is rounding, which is about 1e-12")
     difference: float = _setting(1e-4, "share of a parameter", "for derivatives")
     least_difference: float = _setting(1e-7, "share of a parameter", "the same at the end of a fit: far above rounding")
+    least_component: float = _setting(1e-3, "share of a vector's largest component", "in which the others are sought, however small: they have one unit")
+    nearly: float = _setting(1e-5, "spreads of a step's change", "less is missed where a fit of the right effects came to a stop too soon, without noise")
     finishing: float = _setting(1e-6, "share of a parameter, and of the cost", "for derivatives and to end, where many parameters are made exact")
     jump: float = _setting(20.0, "times what nine of ten rows that answer do not exceed", "beyond it is a jump, as of a contact that comes a step sooner")
     answers: float = _setting(1e-9, "share of the largest slope", "rows with less do not answer to a parameter at all")

@@ -176,6 +176,7 @@ class Search(Trials):
             found.sort(key=lambda one: one.description)
             # What is exact in the end need not be after these iterations.
             found[:1] = self.each(_fitted, (replay, self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
+            found[:1] = [self.finished(one, replay, self.few) for one in found[:1]]
             if found and not self.is_lacking(found[0], settings.exact_draft):
                 break
         return found
@@ -198,7 +199,15 @@ class Search(Trials):
         if not ends:
             return None
         best = min(ends, key=lambda one: one.description)
-        return min((one for one in ends if self.is_equal(one, best)), key=_plainness)
+        return self.add(self.finished(min((one for one in ends if self.is_equal(one, best)), key=_plainness), self.replay, self.rows))
+
+    def finished(self, model: Model, replay: Predictor, rows: Rows) -> Model:
+        """`model` fitted until it is exact, where it nearly is and nothing is noisy: what looks as if more were missing may be the fit's own end."""
+        settings = self.settings
+        if self.noise is not None or not settings.exact < model.missed < settings.nearly:
+            return model
+        with self.finely():
+            return _fitted(replay, rows, self.settings, settings.iterations_polish, model)
 
     def needed(self, model: Model) -> Model:
         """`model` without the hypotheses that it can do without."""

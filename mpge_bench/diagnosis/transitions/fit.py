@@ -147,6 +147,11 @@ class Parameters:
         """About how large each is, shape (parameters,)."""
         return np.concatenate([_unit(one, own) for one, own in zip(self.hypotheses, values, strict=True)])
 
+    def largest(self, at: Array) -> Array:
+        """Of each the size of its vector's largest component, shape (parameters,); 0 of what is no vector: its other numbers may be of any unit."""
+        own = [_largest(one, values) for one, values in zip(self.hypotheses, self.parted(at), strict=True)]
+        return np.concatenate(own)
+
     def parted(self, at: Array) -> list[list[float]]:
         """Each hypothesis's own."""
         return [own.tolist() for own in np.split(at, np.cumsum([one.size for one in self.hypotheses])[:-1])]
@@ -208,7 +213,7 @@ def fitted(
         # Where the motion bends, slopes over more than the last step are not those at the end of it.
         difference = float(np.clip(np.abs((trial - at) / unit).max(), settings.least_difference, settings.difference))
         at, residuals, damping = trial, missed, damping / 30
-        unit = np.maximum(np.abs(at), 0.1 * unit)
+        unit = np.maximum(np.maximum(np.abs(at), 0.1 * unit), settings.least_component * whole.largest(at))
         if gained < settings.converged * cost:
             break
     at, residuals = _walked(left, at, residuals, unit, low, high, settings)
@@ -247,6 +252,16 @@ def _unit(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
     sizes = np.abs(values) if hypothesis.absent is None else np.maximum(np.abs(values), np.abs(hypothesis.absent))
     largest = float(sizes.max())
     return np.asarray(np.where(sizes > 0, sizes, largest if largest > 0 else 1.0))
+
+
+def _largest(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
+    found, at = np.zeros(len(values)), 0
+    for name, parameter in hypothesis.kind.parameters.items():
+        size = 1 if parameter.size == 1 else len(getattr(hypothesis.starts[0], name))
+        if parameter.size != 1:
+            found[at : at + size] = np.abs(values[at : at + size]).max()
+        at += size
+    return found
 
 
 def normal_equations(slopes: Array, residuals: Array, settings: ReplaySettings) -> tuple[Array, Array]:

@@ -6,9 +6,7 @@ Where many things differ a little, each of them explains next to nothing, and wh
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -34,21 +32,9 @@ def usual_differences(trials: Trials) -> Model | None:
     if not every or trials.late("fitting many effects at once"):
         return None
     many = _converged(trials, every, [_begin(one) for one in every])
-    with _finely(trials):
+    with trials.finely():
         many = trials.add(_converged(trials, many.hypotheses, many.values))
         return _restored(trials, _thinned(trials, many), every)
-
-
-@contextmanager
-def _finely(trials: Trials) -> Iterator[None]:
-    """Where there is no noise, fits go on until they are exact: slopes over small differences lead there, over larger ones contacts bend them."""
-    settings = trials.settings
-    if trials.noise is None:
-        trials.settings = replace(settings, difference=settings.finishing, converged=settings.finishing)
-    try:
-        yield
-    finally:
-        trials.settings = settings
 
 
 def _converged(trials: Trials, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:

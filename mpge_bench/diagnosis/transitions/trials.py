@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -103,6 +104,17 @@ class Trials:
             self.cut["fitting hypotheses"] = None
         self.advance(len(found))
         return found
+
+    @contextmanager
+    def finely(self) -> Iterator[None]:
+        """Where there is no noise, fits go on until they are exact: slopes over small differences lead there, over larger ones contacts bend them."""
+        settings = self.settings
+        if self.noise is None:
+            self.settings = replace(settings, difference=settings.finishing, converged=settings.finishing)
+        try:
+            yield
+        finally:
+            self.settings = settings
 
     def fitted(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], workers: Workers | None = None) -> Model:
         """To the end, from `values`."""

@@ -24,6 +24,14 @@ def test_a_fit_without_noise_ends_at_the_truth() -> None:
     assert model.is_exact(SETTINGS)
 
 
+def test_gravity_comes_out_exact_in_all_its_components() -> None:
+    task = get_task("ant_gravity")
+    found = Replay(task.robot, drawn(task, 60, 0.0, 1)[0], SETTINGS.settle, SETTINGS.worst)
+    gravity = next(one for one in hypotheses(task.robot, found.episodes, SETTINGS) if one.kind.name == "gravity")
+    model = fitted(found, (gravity,), ((0.01, -0.01, -9.0),), np.arange(60), SETTINGS, 15)
+    assert model.values[0] == pytest.approx((0.0, 0.0, -9.81), abs=1e-8)
+
+
 def test_rows_in_which_predictions_jump_do_not_count_and_the_few_that_answer_do() -> None:
     slopes = np.zeros((1, 200, 2))
     slopes[0, :15] = np.random.default_rng(0).uniform(1, 2, (15, 2))
