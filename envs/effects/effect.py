@@ -164,7 +164,7 @@ class Effect:
     title: ClassVar[str] = ""
     #: What it is, said of its target; {parameter} is a parameter's value with its interval.
     sentence: ClassVar[str] = ""
-    #: True where every real joint has more or less of it.
+    #: True where every real machine has more or less of it.
     everywhere: ClassVar[bool] = False
     #: Where robots of one make usually differ by it: "each" on each thing that it acts on, "alike" by the same on all; none elsewhere.
     varies: ClassVar[str] = ""

@@ -21,6 +21,7 @@ class SensorBias(Effect):
 
     name = "sensor_bias"
     sentence = "The {target}'s sensor reads {offset} too much."
+    everywhere = True
     adds = True
     on = "sensor"
     parameters = {"offset": Parameter("rad", -100.0, 100.0)}

@@ -19,6 +19,7 @@ class Gravity(Effect):
 
     name = "gravity"
     varies = "alike"
+    everywhere = True
     sentence = "Gravity is {vector} in the base's frame: the base is tilted, or gravity has another strength."
     told_apart = {
         "sensor_bias": "let every joint hang at rest and read the sensors, then turn the base about the vertical: a tilt turns with it,"

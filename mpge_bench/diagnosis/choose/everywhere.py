@@ -1,17 +1,20 @@
-"""What every real joint has more or less of (dry and viscous friction, a rotor), at all joints at once, each its own, and then only where it is needed.
+"""What every real machine has more or less of (friction, rotors, sensors not quite at zero, a base not quite level), all at once, and then only where needed.
 
 Single effects lead nowhere where a dozen joints all miss something: each of them explains next to nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
-from mpge_bench.diagnosis.choose.score import fallen
+from mpge_bench.diagnosis.choose.score import fallen, idle
 from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished
@@ -22,18 +25,54 @@ Array = npt.NDArray[np.float64]
 
 
 def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
-    """The model of all that every joint has and that its own joint needs, fitted; None where there is not enough of it to be looked at together."""
-    effects = [one.starts[0] for one in trials.candidates if one.kind.everywhere]
-    if len(effects) < 2 or trials.cut_short("fitting all joints at once"):
+    """The model of all that every machine has and that this one needs, fitted; None where there is not enough of it to be looked at together.
+
+    One kind after another, on all that it acts on, what explains most of what is left first, as long as what models are chosen by is predicted no worse as
+    well: a fit of fifty parameters from nothing ends where some joint that hardly moved sticks, and never moves again.
+    """
+    kinds: dict[str, list[Effect]] = {}
+    for one in trials.candidates:
+        if one.kind.everywhere:
+            kinds.setdefault(one.name, []).append(one.starts[0])
+    if sum(map(len, kinds.values())) < 2 or trials.cut_short("fitting all joints at once"):
         return None
-    pair = _fitted(trials, effects)
+    pair, waiting = (trials.nominal, trials.fitter), dict(kinds)
+    while waiting and not trials.cut_short("fitting all joints at once"):
+        name = _most(pair, waiting)
+        grown = _fitted(trials, [*pair[0].effects, *waiting.pop(name)])
+        if grown[0].train < pair[0].train and trials.no_worse(grown[0], pair[0]):
+            pair = grown
+            # Beside it others may do what they did not.
+            waiting = {other: starts for other, starts in kinds.items() if all(effect.name != other for effect in pair[0].effects)}
     while len(pair[0].effects) > 2 and not trials.cut_short("fitting all joints at once"):
-        kept = needed(trials.problem, pair[0])
+        useless = list(idle(trials.problem, pair[1], pair[0].effects))
+        kept = [effect for effect in needed(trials.problem, pair[0]) if effect not in useless]
         if len(kept) == len(pair[0].effects):
             break
         trials.add(pair[0])
         pair = _fitted(trials, kept)
     return pair
+
+
+def _most(pair: tuple[Model, LinearFitter], kinds: Mapping[str, Sequence[Effect]]) -> str:
+    """Which of `kinds` explains most of what the model leaves, to first order, beside what the model's own effects can."""
+    model, fitter = pair
+    weights, train = fitter.weights(model.fit.cost), fitter.train
+
+    def weighted(values: Array) -> Array:
+        kept = (values * weights)[..., train, :]
+        return np.asarray(kept.reshape(*kept.shape[:-2], kept.shape[-2] * kept.shape[-1]))
+
+    left, own = weighted(model.fit.residuals), weighted(model.fit.jacobian)
+    at = fitter.predictor.change(model.effects)
+    missed = {}
+    for name, starts in kinds.items():
+        columns = np.stack([fitter.predictor.change([*model.effects, start]) - at for start in starts])
+        unknown = np.concatenate((own, weighted(columns)))
+        size = np.linalg.norm(unknown, axis=1, keepdims=True)
+        unknown = np.divide(unknown, size, out=np.zeros_like(unknown), where=size > 0).T
+        missed[name] = float(((left - unknown @ np.linalg.lstsq(unknown, left, rcond=1e-6)[0]) ** 2).sum())
+    return min(missed, key=missed.__getitem__)
 
 
 def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]:
@@ -50,23 +89,62 @@ def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]
 
 
 def needed(problem: Problem, model: Model) -> list[Effect]:
-    """The effects of `model` without which their own joint would be predicted worse, whatever the others then did: left out one by one, the idlest first."""
-    settings, joints = problem.settings.choose, problem.rig.joints
+    """The effects of `model` without which the joints that they act on would be predicted worse, whatever the others then did: left out the idlest first.
+
+    Joints that are alike have what they have together: one of four legs that moved less does not say that its motors are made otherwise.
+    """
+    settings, groups = problem.settings.choose, _groups(problem, model.effects)
     missed = _left_out(problem, model)
-    kept = list(range(len(model.effects)))
+    kept = list(range(len(groups)))
+    # Far from the noise windows differ too much for two standard errors.
+    errors = settings.errors if model.overall < settings.coarse else settings.coarse_errors
+
+    def without(*indices: int) -> Array:
+        return missed([effect for index in indices for effect in groups[index].effects])
+
     while len(kept) > 1:
-        dropped = [index for index in range(len(model.effects)) if index not in kept]
-        rich, needs = missed(dropped), {}
+        dropped = [index for index in range(len(groups)) if index not in kept]
+        rich, needs = without(*dropped), {}
         for index in kept:
-            joint = joints.index(model.effects[index].target)
-            share, error = fallen(missed([*dropped, index])[:, joint], rich[:, joint])
+            share, error = fallen(*(np.sqrt((one[:, groups[index].joints] ** 2).mean(1)) for one in (without(*dropped, index), rich)))
             # By how much more than is material it lowers what is missed there.
-            needs[index] = min(share - settings.material, share - settings.coarse_errors * error)
+            needs[index] = min(share - settings.material, share - errors * error)
         idlest = min(kept, key=needs.__getitem__)
         if needs[idlest] > 0:
             break
         kept.remove(idlest)
-    return [model.effects[index] for index in kept]
+    return [model.effects[index] for index in sorted(effect for group in kept for effect in groups[group].effects)]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Effects of one kind, by their indices in a model, and the joints, by theirs, that they act on: joints that are alike, or all."""
+
+    effects: tuple[int, ...]
+    joints: tuple[int, ...]
+
+
+def _groups(problem: Problem, effects: Sequence[Effect]) -> list[_Group]:
+    rig = problem.rig
+    makes = {joint: _make(rig, joint) for joint in rig.joints}
+    found: dict[object, list[int]] = {}
+    for index, effect in enumerate(effects):
+        found.setdefault((effect.name, makes.get(effect.target)), []).append(index)
+    joints = [[rig.joints.index(effects[index].target) for index in indices if effects[index].target in makes] for indices in found.values()]
+    return [_Group(tuple(indices), tuple(own or range(len(rig.joints)))) for indices, own in zip(found.values(), joints, strict=True)]
+
+
+def _make(rig: Rig, joint: str) -> object:
+    """What is equal of joints that are alike: how they are driven, their place in the chain and the body that they turn, mirrored or not."""
+    model = rig.model
+    own = [link for link in model.moving_links() if model.carriers(link)[:1] == (joint,)]
+    bodies = []
+    for link in own:
+        mass, centre, inertia = model.inertial(link)
+        length = float(np.linalg.norm(centre))
+        bodies.append(tuple(f"{value:.2g}" for value in (mass, length, *np.linalg.eigvalsh(inertia))))
+    depth = len(model.carriers(own[0])) if own else 0
+    return rig.modes[joint], yaml.safe_dump(rig.data["joints"].get(joint)), model.is_prismatic(joint), depth, tuple(bodies)
 
 
 def _left_out(problem: Problem, model: Model) -> Callable[[list[int]], Array]:
