@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -15,9 +17,21 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def compiled(function: Function) -> Function:
     """`function` as numba compiles it, kept on disk where that is possible: no fused or reordered arithmetic, and divisions by zero as numpy's."""
     try:
-        return cast(Function, numba.njit(cache=True, error_model="numpy")(function))
+        made = numba.njit(cache=True, error_model="numpy")(function)
     except RuntimeError:  # neither the function's folder nor the user's cache can be written
         return cast(Function, numba.njit(error_model="numpy")(function))
+    # What is kept holds what the function calls, too, but numba asks of the function's own file alone whether it has changed.
+    kept = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    if kept is not None:
+        kept._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
+    return cast(Function, made)
+
+
+@lru_cache
+def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Of the sources in `folder`: what functions that are compiled together call lies side by side."""
+    found = ((path.name, path.stat()) for path in sorted(folder.glob("*.py")))
+    return tuple((name, told.st_mtime_ns, told.st_size) for name, told in found)
 
 
 class _Stopwatch(event.Listener):

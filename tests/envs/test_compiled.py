@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 from numba.core import caching
 
@@ -43,3 +47,18 @@ def test_the_time_that_compiling_takes_is_seen(monkeypatch):
     before = module._STOPWATCH.seconds
     compiled(_doubled)(np.ones(3))
     assert module._STOPWATCH.seconds > before
+
+
+def test_what_is_kept_is_made_anew_when_what_it_calls_has_changed(tmp_path: Path) -> None:
+    """numba looks at the file of the outer function alone, and went on with what the inner one did before."""
+    (tmp_path / "outer.py").write_text(
+        "from mpge_bench.envs.compiled import compiled\nfrom inner import inner\n@compiled\ndef outer(x):\n    return inner(x)\nprint(outer(1.0))\n"
+    )
+
+    def told(times: int) -> str:
+        (tmp_path / "inner.py").write_text(
+            f"from mpge_bench.envs.compiled import compiled\n@compiled\ndef inner(x):\n    return {times} * x\n# {'.' * times}\n"
+        )
+        return subprocess.run([sys.executable, "outer.py"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.strip()
+
+    assert [told(2), told(2), told(3)] == ["2.0", "2.0", "3.0"]
