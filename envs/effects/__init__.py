@@ -16,6 +16,7 @@ from mpge_bench.envs.effects.actuator import (
 )
 from mpge_bench.envs.effects.body import AttachedMass, ComOffset, ContactCompliance, ContactFriction, InertiaScale, LinkSize, MassScale, Payload, Restitution
 from mpge_bench.envs.effects.effect import CATALOGUE, Effect, Hidden, Parameter, Scale, effect_from_dict
+from mpge_bench.envs.effects.formula import CubicSpring, OneWayFriction, PeriodicFriction, PeriodicGain, PeriodicTorque
 from mpge_bench.envs.effects.joint import (
     AirDrag,
     Armature,
@@ -42,6 +43,7 @@ __all__ = [
     "ContactCompliance",
     "ContactFriction",
     "CoulombFriction",
+    "CubicSpring",
     "DcMotor",
     "DeadZone",
     "Delay",
@@ -60,8 +62,12 @@ __all__ = [
     "LinkSize",
     "LoadFriction",
     "MassScale",
+    "OneWayFriction",
     "Parameter",
     "Payload",
+    "PeriodicFriction",
+    "PeriodicGain",
+    "PeriodicTorque",
     "PositionServo",
     "Restitution",
     "RotorScale",

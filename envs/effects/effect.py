@@ -178,6 +178,8 @@ class Effect:
     told_apart: ClassVar[dict[str, str]] = {}
     #: True where its torque is a curve over one signal, the one it goes by, that can be drawn.
     is_curve: ClassVar[bool] = False
+    #: True of a law that is said as a formula and has no name of its own: it is looked for only where no physics of the catalogue explains.
+    is_formula: ClassVar[bool] = False
     #: False for what stands in for physics that nobody has named: its parameters are solved for, not searched.
     named: ClassVar[bool] = True
 

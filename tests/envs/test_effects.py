@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,6 +30,7 @@ from mpge_bench.envs.effects import (
     ContactCompliance,
     ContactFriction,
     CoulombFriction,
+    CubicSpring,
     DcMotor,
     DeadZone,
     Delay,
@@ -48,7 +49,11 @@ from mpge_bench.envs.effects import (
     LinkSize,
     LoadFriction,
     MassScale,
+    OneWayFriction,
     Payload,
+    PeriodicFriction,
+    PeriodicGain,
+    PeriodicTorque,
     PositionServo,
     Restitution,
     RotorScale,
@@ -94,6 +99,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
         "current": ((0.0, 30.0, 60.0), (0.0, 25.0, 60.0)),
         "torque": ((0.0, 40.0, 60.0), (0.0, 45.0, 60.0)),
     },
+    "cubic_spring": {"stiffness": (500.0, 600.0), "rest": (0.1, 0.2)},
     "dead_zone": {"torque": (10.0, 11.0)},
     "delay": {"seconds": (0.011, 0.0115)},
     "external_force": {"vector": ((5.0, 0.0, 2.0), (5.0, 0.0, 3.0))},
@@ -109,7 +115,11 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "link_size": {"length": (1.1, 1.2), "radius": (0.8, 0.9)},
     "load_friction": {"coefficient": (0.1, 0.2)},
     "mass_scale": {"factor": (1.1, 1.2)},
+    "one_way_friction": {"forward": (5.0, 6.0), "backward": (2.0, 3.0)},
     "payload": {"mass": (1.0, 1.5), "distance": (0.3, 0.4)},
+    "periodic_friction": {"mean": (10.0, 11.0), "swing": (5.0, 6.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
+    "periodic_gain": {"depth": (0.5, 0.6), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
+    "periodic_torque": {"amplitude": (10.0, 11.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
     "position_servo": {"kp": (50.0, 60.0), "kd": (5.0, 6.0), "servo_period": (0.004, 0.02)},
     "restitution": {"coefficient": (0.3, 0.6)},
     "rotor_scale": {"factor": (1.5, 2.0)},
@@ -127,10 +137,10 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
 FURTHER: dict[str, dict[str, Any]] = {"unknown": {"signal": "dq"}}
 #: What changes nothing for a robot that moves in the plane of x and z.
 OUT_OF_PLANE = {("attached_mass", "y"), ("com_offset", "y")}
-#: Where `TARGETS` would not do.
-OTHER_TARGETS = {"contact_compliance": "foot", "contact_friction": "foot", "restitution": "foot"}
+#: Where `TARGETS` would not do; the leg's joint is one that turns both ways.
+OTHER_TARGETS = {"contact_compliance": "foot", "contact_friction": "foot", "restitution": "foot", "one_way_friction": "leg_joint"}
 #: What shows in contact alone.
-OF_CONTACT = {*OTHER_TARGETS, "ground_height", "ground_tilt"}
+OF_CONTACT = {"contact_compliance", "contact_friction", "restitution", "ground_height", "ground_tilt"}
 TARGETS = {"joint": "thigh_joint", "sensor": "thigh_joint", "link": "thigh", "world": "world"}
 
 
@@ -407,6 +417,44 @@ def minitaurs_motor() -> DcMotor:
 def test_an_unknown_torque_is_straight_between_its_points_and_flat_beyond(wheel: Path, signal: str, at: float) -> None:
     curve = UnknownTorque("hinge", signal, (-0.5, 0.5, 2.0), (-1.0, 3.0, 0.0))
     assert torque_at(wheel, 3.0, curve, q=0.4, dq=-0.8) == pytest.approx(3.0 + np.interp(at, curve.at, curve.torque))
+
+
+@pytest.mark.parametrize(
+    ("law", "torque"),
+    [
+        (PeriodicTorque("hinge", 0.5, 8.0, 0.3), lambda u, q, w: u + 0.5 * math.sin(8.0 * q + 0.3)),
+        (CubicSpring("hinge", 2.0, 0.1), lambda u, q, w: u - 2.0 * (q - 0.1) ** 3),
+        (OneWayFriction("hinge", 0.7, 0.2), lambda u, q, w: u - (0.7 if w > 0 else 0.2) * w),
+        (PeriodicGain("hinge", 0.4, 5.0, -0.2), lambda u, q, w: u * (1 + 0.4 * math.sin(5.0 * q - 0.2))),
+    ],
+)
+@pytest.mark.parametrize(("q", "dq"), [(0.4, -0.8), (-1.3, 0.5), (0.0, 0.0)])
+def test_formulas_are_what_they_say(wheel: Path, law: Effect, torque: Callable[[float, float, float], float], q: float, dq: float) -> None:
+    assert torque_at(wheel, 3.0, law, q=q, dq=dq) == pytest.approx(torque(3.0, q, dq))
+
+
+@given(q=st.floats(-10, 10), mean=st.floats(0, 2), swing=st.floats(0, 2), waves=st.floats(0.1, 20), phase=st.floats(-3, 3))
+def test_friction_that_changes_along_the_way_is_never_less_than_none(q: float, mean: float, swing: float, waves: float, phase: float) -> None:
+    most = PeriodicFriction("hinge", mean, swing, waves, phase).friction(None, 0, [q], [1.0])
+    assert most == pytest.approx(max(mean + swing * math.sin(waves * q + phase), 0.0))
+
+
+def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path) -> None:
+    law = PeriodicFriction("hinge", 0.5, 0.3, 2.0, 0.1)
+    assert torque_at(wheel, 3.0, law, q=0.4, dq=5.0) == pytest.approx(3.0 - 0.5 - 0.3 * math.sin(0.9), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (PeriodicTorque("wrist", 0.31, 6.0, 0.001), "A torque of 0.31 sin(6 q) N m acts on the wrist (q is its position; "),
+        (PeriodicTorque("wrist", 0.31, 6.0, 2 * math.pi + 0.5), "A torque of 0.31 sin(6 q + 0.5) N m acts on the wrist (q is its position; "),
+        (PeriodicFriction("wrist", 0.2, 0.1, 3.0, -0.4), "The dry friction of the wrist changes with its position: 0.2 + 0.1 sin(3 q - 0.4) N m ("),
+        (PeriodicGain("wrist", 0.1, 12.0, 0.0), "The wrist's motor delivers its torque times 1 + 0.1 sin(12 q) ("),
+    ],
+)
+def test_formulas_are_said_as_formulas(law: Effect, said: str) -> None:
+    assert law.say({name: [(0.0, 1.0)] for name in law.parameters}).startswith(said)
 
 
 def test_position_servo_pulls_to_the_target_at_its_own_period(wheel: Path) -> None:

@@ -9,6 +9,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
+from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.simplest import simplest
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest, twins
@@ -115,7 +116,8 @@ def choose(
             again = tested(dealt, options)
             trials.begin(dealt, (again.nominal, again.fitter))
             grow(trials, again.screening)
-        chosen = trials.as_exported(trials.settled(plainest(trials, with_curves(trials, simplest(trials)))))
+        named = with_curves(trials, with_formulas(trials, simplest(trials)))
+        chosen = trials.as_exported(trials.settled(plainest(trials, named)))
     models, alike = tuple(trials.models), twins(trials, chosen)
     by_all = bool(chosen.effects) and trials.are_far([chosen])
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), by_all)

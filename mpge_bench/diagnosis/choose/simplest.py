@@ -24,10 +24,10 @@ def simplest(trials: Trials) -> Model:
     equal = [one for one in trials.models if not trials.is_better(one, best)]
     equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
     chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)
-    return _plainer(trials, _needed(trials, chosen))
+    return _plainer(trials, needed(trials, chosen))
 
 
-def _needed(trials: Trials, chosen: Model) -> Model:
+def needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
     # One of all joints was cut to what is needed when it was made, and would take minutes here.

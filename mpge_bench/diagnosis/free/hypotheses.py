@@ -22,7 +22,7 @@ def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: S
     """All that are looked for in `recordings`."""
     rig = simulator.rig
     # What recordings of joints alone hardly tell from its twins is looked for where the benchmark's robots may have it.
-    kinds = [kind for kind in CATALOGUE.values() if rig.robot or not kind.asks_states]
+    kinds = [kind for kind in CATALOGUE.values() if not kind.is_formula and (rig.robot or not kind.asks_states)]
     # A benchmark robot's other joints are its root, which no joint is.
     joints = rig.driven if rig.robot else rig.joints
     found = listed(kinds, rig.driven, joints, moved_links(rig.model), _scales(simulator, recordings, motions, settings))

@@ -39,11 +39,11 @@ class Candidate:
         return type(self.starts[0])
 
 
-def candidates(rig: Rig, scales: Mapping[str, Scale]) -> list[Candidate]:
-    """Every effect of the catalogue that is searched for, on everything in `rig` that it could act on."""
+def candidates(rig: Rig, scales: Mapping[str, Scale], *, formulas: bool = False) -> list[Candidate]:
+    """Every effect of the catalogue that is searched for, on everything in `rig` that it could act on; or every law that is said as a formula."""
     found = []
     for name, kind in CATALOGUE.items():
-        if kind.asks_states:
+        if kind.asks_states or kind.is_formula is not formulas:
             continue
         for target in candidate_targets(rig, name):
             starts = _starts(rig, [within_bounds(kind, target, start) for start in kind.starts(scales[carrier(rig, target)])])

@@ -36,9 +36,16 @@ _VERDICTS = {
 }
 
 
+#: Of mismatches that something else than named physics describes.
+_DESCRIBED = {
+    "formula": ("Mismatch described by a formula", "No physics of the catalogue accounts for it, but the law below does, as far as the errors say."),
+    "curve": ("Mismatch not explained, but modelled", "No physics of the catalogue accounts for all of it; a nameless curve stands in for the rest."),
+}
+
+
 def report_html(result: DiagnosisResult) -> str:
     """One HTML page that needs nothing else: style and plots are within it, and it asks for nothing from a network."""
-    heading, gist = _VERDICTS[result.verdict]
+    heading, gist = _DESCRIBED.get(result.explained_by, _VERDICTS[result.verdict])
     evidence = result.evidence
     joints = [finite_rows(joint) for joint in evidence.joints]
     joints.sort(key=lambda joint: -joint.share if math.isfinite(joint.share) else 0.0)

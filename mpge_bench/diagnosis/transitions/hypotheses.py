@@ -95,7 +95,8 @@ def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> list[Hypothesis]:
     """All that are looked for in transitions of `robot`."""
     model, joints = robot.load(), tuple(joint for joint in robot.joints if joint not in robot.auxiliary)
-    return listed(CATALOGUE.values(), tuple(robot.actuators), joints, moved_links(model), _scales(robot, model, episodes, settings))
+    kinds = [kind for kind in CATALOGUE.values() if not kind.is_formula]
+    return listed(kinds, tuple(robot.actuators), joints, moved_links(model), _scales(robot, model, episodes, settings))
 
 
 def listed(kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Scales) -> list[Hypothesis]:

@@ -86,10 +86,10 @@ def verdict_of(choice: Choice) -> str:
     if not chosen.effects and chosen.overall < settings.verdict.explained:
         # Significant perhaps, but no model predicts validation recordings any better, and what is missed is about the noise.
         return "no_mismatch"
-    if not any(effect.named for effect in chosen.effects):
+    physics = [effect.named and not effect.is_formula for effect in chosen.effects]
+    if not any(physics):
         return "unexplained"
-    all_named = all(effect.named for effect in chosen.effects)
-    return "explained" if all_named and chosen.typical < settings.verdict.explained else "partly_explained"
+    return "explained" if all(physics) and chosen.typical < settings.verdict.explained else "partly_explained"
 
 
 def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:

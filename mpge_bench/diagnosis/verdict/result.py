@@ -14,12 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.envs.effects import CATALOGUE
 
 Array = npt.NDArray[np.float64]
 #: A number, the numbers of a vector, or nothing known.
 Value = float | tuple[float, ...] | None
 
 SCHEMA = "mpge_bench/diagnosis/1"
+EXPLANATIONS = ("physics", "formula", "curve", "nothing")
 VERDICTS = ("no_mismatch", "too_little_data", "explained", "partly_explained", "unexplained")
 
 
@@ -230,6 +232,16 @@ class DiagnosisResult:
     untold: tuple[tuple[str, ...], ...] = ()
     more_data: MoreData | None = None
 
+    @property
+    def explained_by(self) -> str:
+        """One of `EXPLANATIONS`: what has least of a name among what was found; what was not modelled at all is explained by nothing."""
+        found = {one.effect for one in self.effects}
+        if any(not CATALOGUE[one].named for one in found):
+            return "curve"
+        if any(CATALOGUE[one].is_formula for one in found):
+            return "formula"
+        return "physics" if found else "nothing"
+
     def to_json(self) -> dict[str, Any]:
         """Plain data as diagnosis.json holds them: infinities and NaN are null."""
         held = self.fit.held_out
@@ -238,6 +250,7 @@ class DiagnosisResult:
             "verdict": self.verdict,
             "p_value": self.p_value,
             "p_is_bound": self.p_is_bound,
+            "explained_by": self.explained_by,
             "untold": self.untold,
             "more_data": self.more_data and vars(self.more_data),
             "where": [vars(one) for one in self.where],

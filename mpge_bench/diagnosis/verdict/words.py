@@ -53,16 +53,20 @@ def summary(
     else:
         lines += [_said(rig, effect, bounds) for effect, bounds in named]
         lines += [curve.say({}, slide=rig.is_slide(curve.target)) for curve in curves]
+        at_noise = held.after < settings.at_noise * held.noise_floor
         if not named and not curves:
             place = ", ".join(f"{one.name} ({100 * one.share:.0f}%, {one.regime})" for one in where[:2])
             lines.append(f"There is a mismatch ({p}), and no physics of the catalogue explains it. It shows at: {place}.")
         else:
-            at_noise = held.after < settings.at_noise * held.noise_floor
             near = ", the sensors' noise" if at_noise else f"; the sensors' noise would be {held.noise_floor:.2g}"
             lines.append(f"Held-out {horizon} prediction error falls from {held.before:.3g} to {held.after:.3g} {held.unit}{near}.")
         lines += [f"Not told by these recordings: {group[0]}." for group in lost if len(group) == 1]
         lines += [f"Not told by these recordings one by one: {', '.join(group)}." for group in lost if len(group) > 1]
-        if verdict == "partly_explained":
+        formulas = [effect for effect, _ in named if effect.is_formula]
+        if formulas:
+            left = "." if at_noise else ", but for what is left."
+            lines.append(f"No physics of the catalogue does that: it is a formula that the recordings follow{left}")
+        elif verdict == "partly_explained":
             lines.append("Named physics explains only part of it; see the report for where the rest shows.")
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
         if out and (named or curves):

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
 from mpge_bench.envs.effects import CATALOGUE, Scale
 
-from ..conftest import Made, write_rig
+from ..conftest import Made, posed, write_rig
 
 
 def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) -> None:
@@ -21,8 +21,15 @@ def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) 
     # benchmark alone needs is another effect there: a damping is viscous friction, a larger rotor armature, a mass on the link payload, and so on.
     benchmark = {"attached_mass", "dc_motor", "joint_damping", "latency", "link_size", "rotor_scale"}
     contact = {"contact_compliance", "contact_friction", "ground_height", "ground_tilt", "restitution"}
-    assert names == set(CATALOGUE) - {"position_servo", "unknown"} - benchmark - contact
-    assert {name for name, kind in CATALOGUE.items() if kind.sentence} == set(CATALOGUE) - {"unknown", "dc_motor"}
+    formulas = {name for name, kind in CATALOGUE.items() if kind.is_formula}
+    assert names == set(CATALOGUE) - {"position_servo", "unknown"} - benchmark - contact - formulas
+    assert {name for name, kind in CATALOGUE.items() if kind.sentence or "say" in kind.__dict__} == set(CATALOGUE) - {"dc_motor"}
+
+
+def test_every_formula_is_looked_for_where_formulas_are(rig: Rig) -> None:
+    found = candidates(rig, posed(rig, seconds=1.0).scales, formulas=True)
+    assert {one.name for one in found} == {name for name, kind in CATALOGUE.items() if kind.is_formula}
+    assert all(one.starts for one in found)
 
 
 def test_what_the_rig_has_itself_is_looked_for_in_both_directions(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from mpge_bench.envs.effects import (
     BackEmfLimit,
     Backlash,
     CoulombFriction,
+    CubicSpring,
     DcMotor,
     DeadZone,
     Delay,
@@ -29,6 +30,10 @@ from mpge_bench.envs.effects import (
     Lag,
     Latency,
     LoadFriction,
+    OneWayFriction,
+    PeriodicFriction,
+    PeriodicGain,
+    PeriodicTorque,
     PositionServo,
     StribeckFriction,
     TorqueBias,
@@ -43,6 +48,8 @@ Indices = npt.NDArray[np.int64]
 
 #: Operations of a program.
 SERVO, LATE, DEAD_ZONE, GAIN, BIAS, LAG, LIMIT, BACK_EMF, DC_MOTOR, MOTOR_SIDE, SPRING, VISCOUS, DRAG, COULOMB, STRIBECK, LOAD, CURVE = range(17)
+#: Formulas.
+WAVES, CUBIC, WAVY_FRICTION, ONE_WAY, WAVY_GAIN = range(17, 22)
 #: Signals that a curve goes by.
 _SIGNALS = {"q": 0.0, "dq": 1.0, "command": 2.0}
 #: Most numbers of an operation.
@@ -122,6 +129,11 @@ _WRITTEN: dict[type[Effect], tuple[int, Callable[..., _Written]]] = {
     CoulombFriction: (COULOMB, lambda e, *_: ([e.torque], 0, ())),
     StribeckFriction: (STRIBECK, lambda e, *_: ([e.coulomb, e.static, e.velocity], 0, ())),
     LoadFriction: (LOAD, lambda e, *_: ([e.coefficient], 0, ())),
+    PeriodicTorque: (WAVES, lambda e, *_: ([e.amplitude, e.waves, e.phase], 0, ())),
+    CubicSpring: (CUBIC, lambda e, *_: ([e.stiffness, e.rest], 0, ())),
+    PeriodicFriction: (WAVY_FRICTION, lambda e, *_: ([e.mean, e.swing, e.waves, e.phase], 0, ())),
+    OneWayFriction: (ONE_WAY, lambda e, *_: ([e.forward, e.backward], 0, ())),
+    PeriodicGain: (WAVY_GAIN, lambda e, *_: ([e.depth, e.waves, e.phase], 0, ())),
     UnknownTorque: (CURVE, lambda e, *_: ([_SIGNALS[e.signal], float(len(e.at))], 0, (*e.at, *e.torque))),
 }
 #: Effects on joints that act through the model alone.
@@ -171,7 +183,7 @@ def written(chain: Sequence[tuple[Effect, int]], joints: int, step: float, inert
         memory,
         np.array(motors, np.int64).reshape(-1, 2),
         step,
-        any(operation in (COULOMB, STRIBECK, LOAD) for operation, _, _ in operations),
+        any(operation in (COULOMB, STRIBECK, LOAD, WAVY_FRICTION) for operation, _, _ in operations),
         any(effect.remembers for effect, _ in chain),
     )
 
@@ -304,6 +316,16 @@ def delivered(
         elif operation == DC_MOTOR:
             current = _cut(command / n[0] * n[1] - n[0] * dq, n[2]) / n[1]
             command = np.sign(current) * _on_curve(abs(current), tables, operations[index, 2], int(n[3]))
+        elif operation == WAVES:
+            command += n[0] * math.sin(n[1] * q + n[2])
+        elif operation == CUBIC:
+            command -= n[0] * (q - n[1]) ** 3
+        elif operation == WAVY_FRICTION:
+            rub += max(n[0] + n[1] * math.sin(n[2] * q + n[3]), 0.0)
+        elif operation == ONE_WAY:
+            command -= (n[0] if dq > 0 else n[1]) * dq
+        elif operation == WAVY_GAIN:
+            command *= 1 + n[0] * math.sin(n[1] * q + n[2])
         elif operation == CURVE:
             signal = q if n[0] == 0.0 else dq if n[0] == 1.0 else command
             command += _on_curve(signal, tables, operations[index, 2], int(n[1]))

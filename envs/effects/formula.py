@@ -1,0 +1,189 @@
+"""Laws that have no name of their own, but can be said as a formula: what a joint does where no physics of the catalogue explains it.
+
+They are looked for only there (`Effect.is_formula`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+
+#: More turns of a law a radian of the joint than a gear, a rotor's poles or a spline makes are not looked for.
+_MOST_WAVES = 30.0
+#: How far, rad of the law, a start may be off at the ends of the joint's usual motion: within half a turn fits lead on.
+_NEAR = 1.2
+#: rad; less is not said.
+_NO_PHASE = 0.005
+_PHASE = Parameter("rad", -100.0, 100.0, neutral=math.inf)
+_WAVES = Parameter("1/rad", 0.05, 100.0, neutral=math.inf)
+
+
+def _sine(waves: float, phase: float) -> str:
+    """For people."""
+    turn = math.remainder(phase, 2 * math.pi)
+    return f"sin({waves:.4g} q{f' {turn:+.2g}'.replace('+', '+ ').replace('-', '- ') if abs(turn) >= _NO_PHASE else ''})"
+
+
+def _between(kind: type[Effect], intervals: Mapping[str, Sequence[tuple[float, float]]], slide: bool, *names: str) -> str:
+    """The intervals of these parameters, for people."""
+    told = []
+    for name in names:
+        (low, high), unit = intervals[name][0], kind.parameters[name].unit_of(slide=slide)
+        told.append(f"{name} {low:.4g} to {high:.4g} {unit}".removesuffix(" 1") if math.isfinite(high - low) else f"{name} not told")
+    return f"(q is its position; {', '.join(told)})"
+
+
+def _waves(scale: Scale) -> list[float]:
+    """Waves a radian from which a law's is sought: as many as joints that swing so far tell apart."""
+    least = _NEAR / (2 * scale.angle)
+    return np.arange(max(1.0, round(1.0 / least)) * least, _MOST_WAVES, least).tolist()
+
+
+@dataclass(frozen=True)
+class PeriodicTorque(Effect):
+    """A torque that comes again and again along the joint's way, ``amplitude * sin(waves * q + phase)``: a motor's cogging, a cam, a gear's teeth."""
+
+    amplitude: float
+    waves: float
+    phase: float = 0.0
+
+    name = "periodic_torque"
+    is_formula = True
+    is_curve = True
+    on = "joint"
+    parameters = {"amplitude": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
+    place = 95
+
+    @property
+    def goes_by(self) -> str:
+        return "q"
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] += self.amplitude * np.sin(self.waves * q[joint] + self.phase)
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        what, unit = ("force", "N") if slide else ("torque", "N m")
+        sure = _between(type(self), intervals, slide, "amplitude", "waves")
+        return f"A {what} of {self.amplitude:.4g} {_sine(self.waves, self.phase)} {unit} acts on the {self.target} {sure}."
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        phases = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+        return [{"amplitude": 0.1 * scale.torque, "waves": waves, "phase": phase} for waves in _waves(scale) for phase in phases]
+
+
+@dataclass(frozen=True)
+class CubicSpring(Effect):
+    """A spring that hardens (or, where `stiffness` is negative, a hill that grows) with the cube of the way: torque ``-stiffness * (q - rest)³``."""
+
+    stiffness: float
+    rest: float = 0.0
+
+    name = "cubic_spring"
+    sentence = "A torque of -{stiffness} times (q - {rest})³ acts on the {target}, q being its position."
+    resembles = ("joint_spring",)
+    is_formula = True
+    is_curve = True
+    on = "joint"
+    parameters = {"stiffness": Parameter("N m/rad³", -1e5, 1e5), "rest": Parameter("rad", -100.0, 100.0, neutral=math.inf)}
+    place = 95
+
+    @property
+    def goes_by(self) -> str:
+        return "q"
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] -= self.stiffness * (q[joint] - self.rest) ** 3
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"stiffness": 0.1 * scale.torque / scale.angle**3, "rest": rest} for rest in (0.0, scale.angle, -scale.angle)]
+
+
+@dataclass(frozen=True)
+class PeriodicFriction(Effect):
+    """Dry friction that changes along the joint's way: ``mean + swing * sin(waves * q + phase)``, never less than none."""
+
+    mean: float
+    swing: float
+    waves: float
+    phase: float = 0.0
+
+    name = "periodic_friction"
+    contains = ("coulomb_friction",)
+    is_formula = True
+    on = "joint"
+    parameters = {"mean": Parameter("N m", 0.0, 1e4), "swing": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
+    place = 90
+
+    def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
+        return np.maximum(self.mean + self.swing * np.sin(self.waves * q[joint] + self.phase), 0.0)
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        sure = _between(type(self), intervals, slide, "mean", "swing", "waves")
+        law = f"{self.mean:.4g} + {self.swing:.4g} {_sine(self.waves, self.phase)} {'N' if slide else 'N m'}"
+        return f"The dry friction of the {self.target} changes with its position: {law} {sure}."
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        size, phases = 0.1 * scale.torque, (0.0, math.pi / 2, math.pi, -math.pi / 2)
+        return [{"mean": size, "swing": size, "waves": waves, "phase": phase} for waves in _waves(scale) for phase in phases]
+
+
+@dataclass(frozen=True)
+class OneWayFriction(Effect):
+    """Viscous friction that depends on which way the joint turns: ``-forward * dq`` where dq > 0, ``-backward * dq`` where not."""
+
+    forward: float
+    backward: float
+
+    name = "one_way_friction"
+    sentence = "The {target} has viscous friction of {forward} where it turns forwards and of {backward} where it turns backwards."
+    contains = ("viscous_friction",)
+    is_formula = True
+    is_curve = True
+    on = "joint"
+    parameters = {"forward": Parameter("N m s/rad", 0.0, 1e4), "backward": Parameter("N m s/rad", 0.0, 1e4)}
+    place = 90
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] -= np.where(dq[joint] > 0, self.forward, self.backward) * dq[joint]
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        size = 0.1 * scale.torque / scale.speed
+        return [{"forward": size, "backward": 0.0}, {"forward": 0.0, "backward": size}]
+
+
+@dataclass(frozen=True)
+class PeriodicGain(Effect):
+    """A motor whose torque ripples along its way: ``torque * (1 + depth * sin(waves * q + phase))``, as one whose phases are not alike."""
+
+    depth: float
+    waves: float
+    phase: float = 0.0
+
+    name = "periodic_gain"
+    is_formula = True
+    on = "joint"
+    parameters = {"depth": Parameter("1", 0.0, 2.0), "waves": _WAVES, "phase": _PHASE}
+    needs_motor = True
+    place = 35
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] *= 1 + self.depth * np.sin(self.waves * q[joint] + self.phase)
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        sure = _between(type(self), intervals, slide, "depth", "waves")
+        return f"The {self.target}'s motor delivers its torque times 1 + {self.depth:.4g} {_sine(self.waves, self.phase)} {sure}."
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        phases = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+        return [{"depth": 0.1, "waves": waves, "phase": phase} for waves in _waves(scale) for phase in phases]

@@ -1,0 +1,94 @@
+"""Laws that are said as formulas, added where they predict much better than named physics alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.simplest import needed
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.simulator import drafted
+from mpge_bench.diagnosis.fit.told import spanned
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
+
+Array = npt.NDArray[np.float64]
+
+
+def with_formulas(trials: Trials, chosen: Model) -> Model:
+    """`chosen` or, where that predicts validation recordings much better, a formula at each of some joints with the named physics still needed beside it."""
+    problem = trials.problem
+    clean, options = problem.settings.fit.clean, candidates(problem.rig, problem.scales, formulas=True)
+    for _ in problem.rig.joints:
+        if (chosen.train < clean and chosen.validation < clean) or trials.cut_short("formulas"):
+            break
+        rich = _richer(trials, options, chosen)
+        if rich is None or not (trials.is_better(chosen, rich, materially=True) and trials.no_worse(rich, chosen)):
+            break
+        chosen = needed(trials, rich)
+    return chosen
+
+
+def _richer(trials: Trials, options: list[Candidate], chosen: Model) -> Model | None:
+    """The best model of one formula beside `chosen`, or beside nothing: named physics may have stood in for it."""
+    problem, settings = trials.problem, trials.settings
+    drafts: list[Model] = []
+    for model in (chosen, trials.nominal) if chosen.effects else (trials.nominal,):
+        fitter = problem.fitter(model.effects) if model.effects else trials.fitter
+        here = [one for one in options if one.label not in model.key]
+        looks: list[tuple[float, Candidate]] = trials.each(_look, (fitter, model), here)
+        promising = sorted(looks, key=lambda look: -look[0])[: settings.formulas]
+        steps = [([effect for effect in model.effects if not _is_in(effect, one)], one) for _, one in promising if one.starts]
+        fits: list[Fit] = trials.each(_grown, (fitter,), steps)
+        drafts += trials.each(drafted, (fitter,), fits)
+    ends = trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[: settings.polished]])
+    if not ends:
+        return None
+    best = min(ends, key=lambda pair: pair[0].overall)
+    return trials.add(trials.converged(*best)[0])
+
+
+def _look(problem: Problem, fitter: LinearFitter, model: Model, candidate: Candidate) -> tuple[float, Candidate]:
+    """What share of what `model` leaves the best start of `candidate` explains, as large as is best; and the candidate with its best starts, so large."""
+    weights, train = fitter.weights(model.fit.cost), fitter.train
+
+    def flat(values: Array) -> Array:
+        kept = (values * weights)[..., train, :]
+        return np.asarray(kept.reshape(*kept.shape[:-2], kept.shape[-2] * kept.shape[-1]))
+
+    left, columns = flat(model.fit.residuals), flat(fitter.columns(candidate, model.effects))
+    # What other parameters of the model, or nuisances, could explain is no formula's gain.
+    taken = np.concatenate((flat(fitter.free), flat(model.fit.jacobian)))
+    length = np.linalg.norm(taken, axis=1, keepdims=True)
+    taken = taken[length[:, 0] > 0] / length[length[:, 0] > 0]
+    if len(taken):
+        basis = spanned(taken)
+        left, columns = left - (left @ basis.T) @ basis, columns - (columns @ basis.T) @ basis
+    power = np.maximum((columns**2).sum(1), 1e-12)
+    along = columns @ left
+    # A law's size is no less than none: what points the other way is another start, with another phase.
+    gains = np.where(along > 0, along**2 / power, 0.0) / max(float(left @ left), 1e-12)
+    order = np.argsort(-gains, kind="stable")[: problem.settings.fit.starts]
+    starts = tuple(_sized(candidate.starts[index], along[index] / power[index]) for index in order if gains[index] > 0)
+    return float(gains[order[0]]), replace(candidate, starts=starts, is_sized=True)
+
+
+def _sized(start: Effect, share: float) -> Effect:
+    """`start` so many times as large: the parameters at which it vanishes, not those that say where it acts."""
+    neutral = np.array(neutrals_of(start))
+    values = np.array(parameters_of(start))
+    return with_parameters(start, np.where(np.isfinite(neutral), share * values, values).tolist())
+
+
+def _is_in(effect: Effect, candidate: Candidate) -> bool:
+    """Whether `candidate` is a richer form of `effect`."""
+    return effect.target == candidate.target and effect.name in candidate.kind.contains
+
+
+def _grown(problem: Problem, fitter: LinearFitter, step: tuple[list[Effect], Candidate]) -> Fit:
+    return fitter.grow(*step)

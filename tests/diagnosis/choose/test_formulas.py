@@ -1,0 +1,61 @@
+"""Laws that are said as formulas."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from mpge_bench.diagnosis.choose.formulas import with_formulas
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.simulator import nominal, polished
+from mpge_bench.diagnosis.hypotheses.candidates import candidates
+from mpge_bench.envs.effects import CoulombFriction, CubicSpring, Effect, OneWayFriction, PeriodicFriction, PeriodicGain, PeriodicTorque, ViscousFriction
+from mpge_bench.envs.effects.vector import parameters_of
+
+from ..conftest import posed
+
+
+def described(rig: Rig, hidden: tuple[Effect, ...], named: tuple[Effect, ...] = (), deadline: float = math.inf) -> Model:
+    """What is chosen where `hidden` effects are at work and `named` ones are what the search for physics has come to."""
+    asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
+    trials = Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
+    chosen = trials.add(polished(asked, named)[0]) if named else trials.nominal
+    return with_formulas(trials, chosen)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        PeriodicTorque("elbow", 0.4, 8.0, 0.7),
+        PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5),
+        OneWayFriction("elbow", 0.2, 0.05),
+        PeriodicGain("shoulder", 0.3, 5.0, 0.4),
+        CubicSpring("elbow", 1.5, 0.1),
+    ],
+)
+def test_a_law_that_has_no_name_is_found_as_a_formula(rig: Rig, law: Effect) -> None:
+    found = described(rig, (law,))
+    assert [(one.name, one.target) for one in found.effects] == [(law.name, law.target)]
+    values = parameters_of(found.effects[0])
+    if "phase" in law.parameters:
+        values[-1] = math.remainder(values[-1], 2 * math.pi)
+    assert values == pytest.approx(parameters_of(law), rel=0.05, abs=0.02)
+
+
+def test_what_had_stood_in_for_a_formula_goes_and_what_is_needed_stays(rig: Rig) -> None:
+    hidden = (PeriodicTorque("elbow", 0.4, 8.0, 0.7), CoulombFriction("shoulder", 0.2))
+    found = described(rig, hidden, (CoulombFriction("shoulder", 0.1), ViscousFriction("elbow", 0.1)))
+    assert found.key == {"periodic_torque:elbow", "coulomb_friction:shoulder"}
+
+
+@pytest.mark.parametrize("named", [(), (ViscousFriction("elbow", 0.1),)])
+def test_where_nothing_is_left_no_formula_is_looked_for(rig: Rig, named: tuple[Effect, ...]) -> None:
+    assert described(rig, named, named).key == {f"{one.name}:{one.target}" for one in named}
+
+
+def test_without_time_named_physics_is_the_answer(rig: Rig) -> None:
+    assert described(rig, (PeriodicTorque("elbow", 0.4, 8.0, 0.7),), deadline=0.0).effects == ()
