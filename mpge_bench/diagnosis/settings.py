@@ -250,7 +250,7 @@ class ReplaySettings:
     walks: tuple[float, ...] = _setting((), "shares of a parameter", "steps of a walk after least squares: transitions are smooth enough without")
     softness: float = _setting(2.0, "times the median", "residuals beyond count less in fits: contacts that come a step sooner or later")
     shared: float = _setting(0.1, "share of all entries' median", "least scale of one entry's residuals, lest what fits already hold the rest")
-    exact_share: float = _setting(0.998, "share of the entries", "in which nothing but rounding is left where a model is exact")
+    exact_share: float = _setting(0.998, "share of the entries, or of the transitions", "in which nothing but rounding is left where a model is exact")
     exact_draft: float = _setting(0.97, "share of the entries", "what one parameter must explain for no hypothesis of several to be looked at")
     typical: float = _setting(0.5, "quantile", "of the sizes of residuals, that is their scale; higher where most of them are but rounding")
     exact: float = _setting(1e-8, "spreads of a step's change", "what is missed below this is rounding, which is about 1e-12")

@@ -42,10 +42,18 @@ class Comparison:
     said: str
 
 
+def repeats(missed: Array, settings: ReplaySettings) -> bool:
+    """Whether nothing but rounding is `missed`, shape (pieces, entries), but for a few pieces.
+
+    A contact that touches to within rounding may come a step sooner.
+    """
+    return float(np.mean(np.abs(missed).max(1) > settings.exact)) <= 1 - settings.exact_share
+
+
 def trust_in(own: Replay, settings: ReplaySettings) -> tuple[float, float]:
     """`best_trust` of the source in its `own` transitions; all where there is no noise."""
     rows = own.heads(settings.fitted // own.entries)
-    return (1.0, 1.0) if float(np.max(np.abs(own.residuals((), rows)))) < settings.exact else best_trust(own, (), settings)
+    return (1.0, 1.0) if repeats(own.residuals((), rows), settings) else best_trust(own, (), settings)
 
 
 def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettings) -> tuple[float, float]:
@@ -62,17 +70,18 @@ def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettin
 def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
-    Without noise what differs at all is a mismatch. With noise two permutation tests, each of which counts twice: stretches of rows of the two are dealt
-    anew, and the difference of the means of what is missed is compared with those of such deals; where that tells nothing, the score of each hypothesis
-    (its effect's columns times what is missed) on blocks of rows likewise, of which the largest standardised difference counts.
+    Without noise what does not repeat itself is a mismatch. With noise two permutation tests, each of which counts twice: stretches of rows of the
+    two are dealt anew, and the difference of the means of what is missed is compared with those of such deals; where that tells nothing, the score of
+    each hypothesis (its effect's columns times what is missed) on blocks of rows likewise, of which the largest standardised difference counts.
     """
     replay = settings.replay
     missed = target.residuals((), np.arange(len(target)))
     of_own = own.residuals((), np.arange(len(own)))
     floor = float(np.mean(np.median(np.abs(of_own), axis=0)))
-    if float(np.max(np.abs(of_own))) < replay.exact:
-        differs = float(np.max(np.abs(missed))) > replay.exact
-        line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else "and the target's.")
+    if repeats(of_own, replay):
+        off, differs = np.abs(missed).max(1) > replay.exact, not repeats(missed, replay)
+        apart = f" (but for {off.sum()} of {len(off)})" if off.any() and not differs else ""
+        line = "The source repeats its own transitions to rounding, " + ("and not the target's." if differs else f"and the target's{apart}.")
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
     p, bound = likeness(target, missed, own, of_own, replay)

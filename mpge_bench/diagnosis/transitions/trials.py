@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.evidence import likeness
+from mpge_bench.diagnosis.transitions.evidence import likeness, repeats
 from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, chance_of, fitted, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.envs.effects import Effect
@@ -47,7 +47,7 @@ class Trials:
     def noise(self) -> Array | None:
         """What the source misses of its own transitions, shape (n, entries); None where that is rounding."""
         missed = None if self.own is None else self.own.residuals((), np.arange(len(self.own)))
-        return None if missed is None or float(np.max(np.abs(missed))) < self.settings.exact else missed
+        return None if missed is None or repeats(missed, self.settings) else missed
 
     def spread(self, total: int, worst: Rows | None) -> Rows:
         """About `total` rows in stretches evenly spread; half of them the `worst` ones, where these are known."""

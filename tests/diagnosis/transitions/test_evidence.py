@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
-from mpge_bench.diagnosis.transitions.fit import description
+from mpge_bench.diagnosis.transitions.fit import Rows, description
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs import get_task
+from mpge_bench.envs.effects import Effect
 from mpge_bench.unmask import drawn
 
 SETTINGS = DEFAULT.replay
@@ -49,3 +52,19 @@ def test_a_mismatch_that_shows_seldom_is_evident_and_nothing_is_not() -> None:
     with Workers(1) as workers:
         assert compared(found, known, options, np.arange(100), workers, DEFAULT).is_mismatch
         assert not compared(same, known, options, np.arange(100), workers, DEFAULT).is_mismatch
+
+
+@pytest.mark.parametrize(("off", "differs"), [(0, False), (1, False), (10, True)])
+def test_a_contact_that_comes_a_step_sooner_once_is_no_mismatch(off: int, differs: bool) -> None:
+    """Seen where an episode began with a foot that touched the ground to within rounding."""
+
+    class Pieces(Replay):
+        def residuals(self, effects: Sequence[Effect], rows: Rows) -> np.ndarray:
+            return np.where(rows[:, None] < off, 0.01, 1e-14) * np.ones(self.entries)
+
+    exact = own(0.0)
+    found = Pieces(exact.robot, drawn(get_task("heavy_hopper"), 1000, 0.0, 1)[1], SETTINGS.settle, SETTINGS.worst)
+    with Workers(1) as workers:
+        said = compared(found, exact, [], np.arange(10), workers, DEFAULT)
+    assert said.is_mismatch is differs
+    assert ("but for 1 of 1000" in said.said) is (off == 1)
