@@ -180,6 +180,8 @@ class Effect:
     is_curve: ClassVar[bool] = False
     #: True of a law that is said as a formula and has no name of its own: it is looked for only where no physics of the catalogue explains.
     is_formula: ClassVar[bool] = False
+    #: Parameters of a formula that have to be more than nothing for it to be what it says.
+    rests_on: ClassVar[tuple[str, ...]] = ()
     #: False for what stands in for physics that nobody has named: its parameters are solved for, not searched.
     named: ClassVar[bool] = True
 

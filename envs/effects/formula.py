@@ -55,6 +55,7 @@ class PeriodicTorque(Effect):
 
     name = "periodic_torque"
     is_formula = True
+    rests_on = ("amplitude", "waves")
     is_curve = True
     on = "joint"
     parameters = {"amplitude": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
@@ -89,6 +90,7 @@ class CubicSpring(Effect):
     sentence = "A torque of -{stiffness} times (q - {rest})³ acts on the {target}, q being its position."
     resembles = ("joint_spring",)
     is_formula = True
+    rests_on = ("stiffness",)
     is_curve = True
     on = "joint"
     parameters = {"stiffness": Parameter("N m/rad³", -1e5, 1e5), "rest": Parameter("rad", -100.0, 100.0, neutral=math.inf)}
@@ -118,6 +120,7 @@ class PeriodicFriction(Effect):
     name = "periodic_friction"
     contains = ("coulomb_friction",)
     is_formula = True
+    rests_on = ("swing", "waves")
     on = "joint"
     parameters = {"mean": Parameter("N m", 0.0, 1e4), "swing": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
     place = 90
@@ -171,6 +174,7 @@ class PeriodicGain(Effect):
 
     name = "periodic_gain"
     is_formula = True
+    rests_on = ("depth", "waves")
     on = "joint"
     parameters = {"depth": Parameter("1", 0.0, 2.0), "waves": _WAVES, "phase": _PHASE}
     needs_motor = True

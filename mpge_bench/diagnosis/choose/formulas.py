@@ -28,7 +28,7 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
         if (chosen.train < clean and chosen.validation < clean) or trials.cut_short("formulas"):
             break
         rich = _richer(trials, options, chosen)
-        if rich is None or not (trials.is_better(chosen, rich, materially=True) and trials.no_worse(rich, chosen)):
+        if rich is None or not (is_told(rich) and trials.is_better(chosen, rich, materially=True) and trials.no_worse(rich, chosen)):
             break
         chosen = needed(trials, rich)
     return chosen
@@ -51,6 +51,19 @@ def _richer(trials: Trials, options: list[Candidate], chosen: Model) -> Model | 
         return None
     best = min(ends, key=lambda pair: pair[0].overall)
     return trials.add(trials.converged(*best)[0])
+
+
+def is_told(model: Model) -> bool:
+    """Whether what makes the formulas of `model` what they are lies within 95% intervals that leave out 0: any wave fits a motion of a few windows a little."""
+    at = 0
+    for effect in model.effects:
+        for name in effect.parameters if effect.named else ():
+            numbers = np.atleast_1d(getattr(effect, name))
+            errors = model.standard_errors[at : at + len(numbers)]
+            at += len(numbers)
+            if name in effect.rests_on and (np.abs(numbers) < model.interval * errors).any():
+                return False
+    return True
 
 
 def _look(problem: Problem, fitter: LinearFitter, model: Model, candidate: Candidate) -> tuple[float, Candidate]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.formulas import with_formulas
+from mpge_bench.diagnosis.choose.formulas import is_told, with_formulas
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
@@ -59,3 +61,17 @@ def test_where_nothing_is_left_no_formula_is_looked_for(rig: Rig, named: tuple[E
 
 def test_without_time_named_physics_is_the_answer(rig: Rig) -> None:
     assert described(rig, (PeriodicTorque("elbow", 0.4, 8.0, 0.7),), deadline=0.0).effects == ()
+
+
+def test_a_wave_that_is_not_told_is_no_formula(rig: Rig) -> None:
+    """Any wave fits a motion of a few windows a little: seen on a measured servo, with a swing of 0 to four times its size."""
+    asked = posed(rig, CoulombFriction("elbow", 0.2), seconds=4.0, noise=2e-4)
+    wave, error = PeriodicFriction("elbow", 0.2, 0.01, 3.0), np.array([1e-3, 1e-3, 1e-3, np.inf])
+    model = polished(asked, [wave])[0]
+
+    def told(swing: float, errors: np.ndarray) -> bool:
+        return is_told(replace(model, fit=replace(model.fit, effects=(replace(wave, swing=swing),)), standard_errors=errors))
+
+    assert told(0.01, error)
+    assert not told(0.001, error)
+    assert not told(0.01, np.array([1e-3, 1e-3, np.inf, 1e-3]))
