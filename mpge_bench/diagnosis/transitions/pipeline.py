@@ -72,8 +72,10 @@ def parted(robot: Robot, target: Episodes, own: Episodes, settings: ReplaySettin
     unseen = found.places >= np.ceil((1 - settings.unseen) * found.lengths)
     nothing = Replay(robot, checked(own, robot, "the source's transitions"), settings.settle, settings.worst)
     trust = trust_in(nothing, settings)
-    whole, fitted, nothing = (Replay(robot, one, settings.settle, settings.worst, trust) for one in (found, found.part(~unseen), nothing.episodes))
-    return Parts(whole, fitted, nothing, unseen)
+    # In one unit, lest the quieter of the two seem the noisier.
+    fitted = found.part(~unseen)
+    whole, part, own_part = (Replay(robot, one, settings.settle, settings.worst, trust, fitted.scale) for one in (found, fitted, nothing.episodes))
+    return Parts(whole, part, own_part, unseen)
 
 
 def unmask(

@@ -48,6 +48,7 @@ class Replay:
         worst: residuals are cut off at, in spreads of the change in a control step.
         trust: shares of the differences in positions and in velocities that are put right after each step. With noise less than all: a prediction then
             starts from what many readings say, not from the last alone, as that of an observer with fixed gains (Luenberger 1966).
+        unit: that residuals are told in, shape (observation size,); the spread of each entry's change in a control step of these episodes where none is given.
     """
 
     robot: Robot
@@ -55,6 +56,7 @@ class Replay:
     settle: int
     worst: float
     trust: tuple[float, float] = (1.0, 1.0)
+    unit: Array | None = None
 
     def __len__(self) -> int:
         return len(self.episodes)
@@ -78,7 +80,7 @@ class Replay:
         return [part for one in episodes for part in np.array_split(one, max(1, len(one) // length))]
 
     def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
-        """What the simulator with `effects` misses of the next observations, in spreads of their change in a control step.
+        """What the simulator with `effects` misses of the next observations, in the replay's `unit`.
 
         Args:
             rows: of transitions, rising.
@@ -91,7 +93,7 @@ class Replay:
             predicted, settled = self.predicted(effects, rows)
         except UserError:
             return np.full((len(rows), self.robot.observation_size), self.worst)
-        missed = (self.episodes.next_observations[rows] - predicted) / self.episodes.scale
+        missed = (self.episodes.next_observations[rows] - predicted) / (self.episodes.scale if self.unit is None else self.unit)
         missed = np.clip(np.nan_to_num(missed, nan=self.worst, posinf=self.worst, neginf=-self.worst), -self.worst, self.worst)
         return np.where(settled[:, None], missed, 0.0)
 

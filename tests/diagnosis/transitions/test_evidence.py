@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
 from mpge_bench.diagnosis.transitions.fit import Rows, description
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
+from mpge_bench.diagnosis.transitions.pipeline import parted
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs import get_task
 from mpge_bench.envs.effects import Effect
@@ -68,3 +69,12 @@ def test_a_contact_that_comes_a_step_sooner_once_is_no_mismatch(off: int, differ
         said = compared(found, exact, [], np.arange(10), workers, DEFAULT)
     assert said.is_mismatch is differs
     assert ("but for 1 of 1000" in said.said) is (off == 1)
+
+
+def test_the_quieter_of_two_is_not_the_noisier() -> None:
+    """The target's slider moved less than the source's, and its noise seemed six times as large, told in spreads of its own steps."""
+    task = get_task("multipolar_swingup_0").undone()
+    parts = parted(task.robot, *drawn(task, 1000, 0.01, 1), SETTINGS)
+    options = hypotheses(task.robot, parts.fitted.episodes, SETTINGS)[:3]
+    with Workers(1) as workers:
+        assert not compared(parts.fitted, parts.own, options, np.arange(100), workers, DEFAULT).is_mismatch
