@@ -69,6 +69,9 @@ def main() -> None:
         data = json.loads((arguments.out / name / "diagnosis.json").read_text())
         found = []
         for one in data["effects"]:
+            if "formula" in one:
+                found.append(f"{one['law']}:{one['target']} ({one['formula']})")
+                continue
             if one["effect"] == "unknown":
                 found.append(f"a nameless torque over {one['depends_on'][0]} of {one['target']}")
                 continue

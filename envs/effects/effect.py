@@ -251,6 +251,11 @@ class Effect:
         return False
 
     @property
+    def formula(self) -> str:
+        """Of a law that is said as one, without its unit; nothing of what has a name."""
+        return ""
+
+    @property
     def goes_by(self) -> str:
         """The signal of its joint, ``"command"``, ``"q"`` or ``"dq"``, that its torque depends on, as far as there is one."""
         return "command" if self.maps_command else "dq"

@@ -68,10 +68,13 @@ class PeriodicTorque(Effect):
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.amplitude * np.sin(self.waves * q[joint] + self.phase)
 
+    @property
+    def formula(self) -> str:
+        return f"{self.amplitude:.4g} {_sine(self.waves, self.phase)}"
+
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         what, unit = ("force", "N") if slide else ("torque", "N m")
-        sure = _between(type(self), intervals, slide, "amplitude", "waves")
-        return f"A {what} of {self.amplitude:.4g} {_sine(self.waves, self.phase)} {unit} acts on the {self.target} {sure}."
+        return f"A {what} of {self.formula} {unit} acts on the {self.target} {_between(type(self), intervals, slide, 'amplitude', 'waves')}."
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -87,7 +90,6 @@ class CubicSpring(Effect):
     rest: float = 0.0
 
     name = "cubic_spring"
-    sentence = "A torque of -{stiffness} times (q - {rest})³ acts on the {target}, q being its position."
     resembles = ("joint_spring",)
     is_formula = True
     rests_on = ("stiffness",)
@@ -99,6 +101,14 @@ class CubicSpring(Effect):
     @property
     def goes_by(self) -> str:
         return "q"
+
+    @property
+    def formula(self) -> str:
+        return f"{-self.stiffness:.4g} (q - {self.rest:.4g})³".replace("- -", "+ ")
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        what, unit = ("force", "N") if slide else ("torque", "N m")
+        return f"A {what} of {self.formula} {unit} acts on the {self.target} {_between(type(self), intervals, slide, 'stiffness', 'rest')}."
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] -= self.stiffness * (q[joint] - self.rest) ** 3
@@ -125,13 +135,16 @@ class PeriodicFriction(Effect):
     parameters = {"mean": Parameter("N m", 0.0, 1e4), "swing": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
     place = 90
 
+    @property
+    def formula(self) -> str:
+        return f"{self.mean:.4g} + {self.swing:.4g} {_sine(self.waves, self.phase)}"
+
     def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
         return np.maximum(self.mean + self.swing * np.sin(self.waves * q[joint] + self.phase), 0.0)
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         sure = _between(type(self), intervals, slide, "mean", "swing", "waves")
-        law = f"{self.mean:.4g} + {self.swing:.4g} {_sine(self.waves, self.phase)} {'N' if slide else 'N m'}"
-        return f"The dry friction of the {self.target} changes with its position: {law} {sure}."
+        return f"The dry friction of the {self.target} changes with its position: {self.formula} {'N' if slide else 'N m'} {sure}."
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -154,6 +167,10 @@ class OneWayFriction(Effect):
     on = "joint"
     parameters = {"forward": Parameter("N m s/rad", 0.0, 1e4), "backward": Parameter("N m s/rad", 0.0, 1e4)}
     place = 90
+
+    @property
+    def formula(self) -> str:
+        return f"-{self.forward:.4g} dq where dq > 0, -{self.backward:.4g} dq elsewhere"
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] -= np.where(dq[joint] > 0, self.forward, self.backward) * dq[joint]
@@ -180,12 +197,16 @@ class PeriodicGain(Effect):
     needs_motor = True
     place = 35
 
+    @property
+    def formula(self) -> str:
+        return f"1 + {self.depth:.4g} {_sine(self.waves, self.phase)}"
+
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= 1 + self.depth * np.sin(self.waves * q[joint] + self.phase)
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         sure = _between(type(self), intervals, slide, "depth", "waves")
-        return f"The {self.target}'s motor delivers its torque times 1 + {self.depth:.4g} {_sine(self.waves, self.phase)} {sure}."
+        return f"The {self.target}'s motor delivers its torque times {self.formula} {sure}."
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

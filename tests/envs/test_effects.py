@@ -449,6 +449,7 @@ def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path) -> Non
     [
         (PeriodicTorque("wrist", 0.31, 6.0, 0.001), "A torque of 0.31 sin(6 q) N m acts on the wrist (q is its position; "),
         (PeriodicTorque("wrist", 0.31, 6.0, 2 * math.pi + 0.5), "A torque of 0.31 sin(6 q + 0.5) N m acts on the wrist (q is its position; "),
+        (CubicSpring("wrist", 1.5, -0.2), "A torque of -1.5 (q + 0.2)³ N m acts on the wrist ("),
         (PeriodicFriction("wrist", 0.2, 0.1, 3.0, -0.4), "The dry friction of the wrist changes with its position: 0.2 + 0.1 sin(3 q - 0.4) N m ("),
         (PeriodicGain("wrist", 0.1, 12.0, 0.0), "The wrist's motor delivers its torque times 1 + 0.1 sin(12 q) ("),
     ],

@@ -27,8 +27,8 @@ Array = npt.NDArray[np.float64]
 def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     """The model of all that every machine has and that this one needs, fitted; None where there is not enough of it to be looked at together.
 
-    One kind after another, on all that it acts on, what explains most of what is left first, as long as what models are chosen by is predicted no worse as
-    well: a fit of fifty parameters from nothing ends where some joint that hardly moved sticks, and never moves again.
+    One kind after another, on all that it acts on, what explains most of what is left first, where that is much and what models are chosen by is predicted no
+    worse as well: a fit of fifty parameters from nothing ends where some joint that hardly moved sticks, and never moves again.
     """
     kinds: dict[str, list[Effect]] = {}
     for one in trials.candidates:
@@ -40,7 +40,7 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     while waiting and not trials.cut_short("fitting all joints at once"):
         name = _most(pair, waiting)
         grown = _fitted(trials, [*pair[0].effects, *waiting.pop(name)])
-        if grown[0].train < pair[0].train and trials.no_worse(grown[0], pair[0]):
+        if grown[0].train < (1 - trials.settings.coarse_material) * pair[0].train and trials.no_worse(grown[0], pair[0]):
             pair = grown
             # Beside it others may do what they did not.
             waiting = {other: starts for other, starts in kinds.items() if all(effect.name != other for effect in pair[0].effects)}

@@ -54,7 +54,7 @@ def untold(model: Model) -> tuple[tuple[str, ...], ...]:
 
 def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float) -> tuple[FoundEffect, ...]:
     """What is reported of the chosen model: first what has a name; a nameless curve is taken for nothing, and nobody can be sure of it."""
-    found = [FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds)) for effect, bounds in named]
+    found = [FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds), formula=effect.formula) for effect, bounds in named]
     for curve in curves:
         signal = curve.unit_of_signal(slide=rig.is_slide(curve.target))
         parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, rig.units(curve.target).force)}

@@ -58,6 +58,7 @@ class FoundEffect:
     Attributes:
         confidence: that it is this and none of those it may be mistaken for, 0 to 1; None of a nameless curve, or where none is worked out.
         depends_on: signals that a curve is over.
+        formula: of a law that has no name. The file calls it unknown, as a curve, and has its law's name in the catalogue beside it.
     """
 
     effect: str
@@ -65,6 +66,7 @@ class FoundEffect:
     confidence: float | None
     parameters: Mapping[str, Estimate]
     depends_on: tuple[str, ...] = ()
+    formula: str = ""
 
 
 @dataclass(frozen=True)
@@ -309,7 +311,8 @@ def _effect_to_json(one: FoundEffect) -> dict[str, Any]:
         total = {} if estimate.total is None else {"total": estimate.total}
         parameters[name] = {"value": estimate.value, **bounds, **total, "unit": estimate.unit}
     signals = {"depends_on": one.depends_on} if one.depends_on else {}
-    return {"effect": one.effect, "target": one.target, "confidence": one.confidence, **signals, "parameters": parameters}
+    law = {"law": one.effect, "formula": one.formula} if one.formula else {}
+    return {"effect": "unknown" if law else one.effect, "target": one.target, **law, "confidence": one.confidence, **signals, "parameters": parameters}
 
 
 def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
@@ -317,7 +320,8 @@ def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
         name: Estimate(_value(one.get("value")), one.get("unit") or "", _bound(one, "low", -math.inf), _bound(one, "high", math.inf), _value(one.get("total")))
         for name, one in data["parameters"].items()
     }
-    return FoundEffect(data["effect"], data["target"], data.get("confidence"), parameters, tuple(data.get("depends_on") or ()))
+    name, signals = data.get("law") or data["effect"], tuple(data.get("depends_on") or ())
+    return FoundEffect(name, data["target"], data.get("confidence"), parameters, signals, data.get("formula") or "")
 
 
 def _fit_from_json(data: Mapping[str, Any]) -> Accuracy:

@@ -276,6 +276,17 @@ def test_joints_without_force_or_motion_or_with_missing_rows():
     assert "No rows of this joint" in page.text
 
 
+def test_a_law_without_a_name_is_told_as_its_formula():
+    """In the file it is unknown, as a curve: nobody has a name for it."""
+    law = FoundEffect("periodic_torque", "elbow", 0.9, {"amplitude": Estimate(0.4, "N m", 0.39, 0.41)}, formula="0.4 sin(7 q)")
+    result = dataclasses.replace(_explained(), effects=(law,), verdict="unexplained")
+    stored = json.loads(json.dumps(result.to_json()))
+    assert (stored["explained_by"], stored["effects"][0]["effect"], stored["effects"][0]["law"]) == ("formula", "unknown", "periodic_torque")
+    assert stored["effects"][0]["formula"] == "0.4 sin(7 q)"
+    assert DiagnosisResult.from_json(stored).effects == (law,)
+    assert "Mismatch described by a formula" in report_html(result)
+
+
 def test_what_was_read_back_from_json_says_the_same_without_plots():
     for result in (_explained(), _no_mismatch(), _unexplained()):
         again = DiagnosisResult.from_json(json.loads(json.dumps(result.to_json())), result.evidence)
