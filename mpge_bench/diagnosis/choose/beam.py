@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
+from mpge_bench.diagnosis.choose.formulas import lone_formula
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
@@ -36,7 +37,11 @@ def grow(trials: Trials, screening: Screening) -> None:
             break
         if depth == 0:
             _renew_noise(trials, drafts[0])
-        together = everywhere(trials) if depth == 0 and drafts[0].overall > settings.coarse else None
+        together = None
+        if depth == 0 and drafts[0].overall > settings.coarse:
+            if lone_formula(trials):
+                break
+            together = everywhere(trials)
         grown = _polished(trials, drafts, depth, [together] if together else [])
         if not grown:
             break

@@ -34,6 +34,23 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
     return chosen
 
 
+def lone_formula(trials: Trials) -> Model | None:
+    """A formula that by itself leaves next to nothing, which no other model then need be sought for; None where none does."""
+    problem, settings = trials.problem, trials.settings
+    if trials.cut_short("formulas"):
+        return None
+    options = candidates(problem.rig, problem.scales, formulas=True)
+    looks: list[tuple[float, Candidate]] = trials.each(_look, (trials.fitter, trials.nominal), options)
+    promising = sorted((look for look in looks if look[0] > settings.lone and look[1].starts), key=lambda look: -look[0])[: settings.formulas]
+    fits: list[Fit] = trials.each(_grown, (trials.fitter,), [([], one) for _, one in promising])
+    best = min(fits, key=lambda one: trials.fitter.chi_square(one.cost), default=None)
+    # In the linearised simulator, along the recorded motion: an unpolished fit may lead the simulator itself far astray.
+    if best is None or trials.fitter.chi_square(best.cost) > settings.coarse:
+        return None
+    model = trials.converged(*trials.polished([best.effects])[0])[0]
+    return trials.add(model) if model.overall < settings.coarse and is_told(model) else None
+
+
 def _richer(trials: Trials, options: list[Candidate], chosen: Model) -> Model | None:
     """The best model of one formula beside `chosen`, or beside nothing: named physics may have stood in for it."""
     problem, settings = trials.problem, trials.settings

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.formulas import is_told, with_formulas
+from mpge_bench.diagnosis.choose.formulas import is_told, lone_formula, with_formulas
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
@@ -21,11 +21,16 @@ from mpge_bench.envs.effects.vector import parameters_of
 from ..conftest import posed
 
 
+def searching(rig: Rig, *hidden: Effect, deadline: float = math.inf) -> Trials:
+    """A search among recordings of `rig` with `hidden` effects."""
+    asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
+    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
+
+
 def described(rig: Rig, hidden: tuple[Effect, ...], named: tuple[Effect, ...] = (), deadline: float = math.inf) -> Model:
     """What is chosen where `hidden` effects are at work and `named` ones are what the search for physics has come to."""
-    asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
-    trials = Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
-    chosen = trials.add(polished(asked, named)[0]) if named else trials.nominal
+    trials = searching(rig, *hidden, deadline=deadline)
+    chosen = trials.add(polished(trials.problem, named)[0]) if named else trials.nominal
     return with_formulas(trials, chosen)
 
 
@@ -75,3 +80,16 @@ def test_a_wave_that_is_not_told_is_no_formula(rig: Rig) -> None:
     assert told(0.01, error)
     assert not told(0.001, error)
     assert not told(0.01, np.array([1e-3, 1e-3, np.inf, 1e-3]))
+
+
+def test_a_formula_that_explains_all_by_itself_is_found_before_anything_is_combined(rig: Rig) -> None:
+    trials = searching(rig, PeriodicTorque("elbow", 0.4, 8.0, 0.7))
+    found = lone_formula(trials)
+    assert found
+    assert found.key == {"periodic_torque:elbow"}
+    assert trials.models[-1] is found
+
+
+@pytest.mark.parametrize("hidden", [(CoulombFriction("shoulder", 0.3), ViscousFriction("elbow", 0.2)), ()])
+def test_where_none_does_there_is_none(rig: Rig, hidden: tuple[Effect, ...]) -> None:
+    assert lone_formula(searching(rig, *hidden)) is None
