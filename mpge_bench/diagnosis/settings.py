@@ -183,7 +183,7 @@ class ChooseSettings:
     alike: float = _setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")
     twins: int = _setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")
     formulas: int = _setting(6, "formulas", "are fitted beside a model that leaves more than the noise, those that promise most")
-    lone: float = _setting(0.4, "share of what is missed", "a formula that one of its starts explains as much by is tried by itself, first")
+    lone: float = _setting(0.4, "share of what is missed", "a formula, one of whose starts explains as much, is tried by itself first")
     curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
     mostly: float = _setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
     reserved: float = _setting(0.18, "share of the time budget", "in which nothing new is begun: what is under way ends, and the verdict is reached")
