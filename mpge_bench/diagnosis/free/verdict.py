@@ -15,7 +15,8 @@ from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Predictor
 from mpge_bench.diagnosis.transitions.verdict import bounded, confused, found_of, label_of, rivals, said, verdict_of
-from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Evidence, Place, Trajectory
+from mpge_bench.diagnosis.verdict.evidence import Evidence, Trajectory
+from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Place
 from mpge_bench.diagnosis.verdict.words import chance, time_taken
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.predict.fast.laws import follow, has_law
+from mpge_bench.diagnosis.predict.fast.laws import follow
+from mpge_bench.diagnosis.predict.fast.program import has_law
 from mpge_bench.diagnosis.settings import PredictSettings
 from mpge_bench.envs.effects import Effect, Hidden
 

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mpge_bench.diagnosis.report.numbers import number, unit_text
 from mpge_bench.diagnosis.report.tables import title
-from mpge_bench.diagnosis.verdict.result import JointEvidence, Law, Trajectory
+from mpge_bench.diagnosis.verdict.evidence import JointEvidence, Law, Trajectory
 
 Array = npt.NDArray[np.float64]
 

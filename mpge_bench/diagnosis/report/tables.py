@@ -15,7 +15,8 @@ from markupsafe import Markup, escape
 
 from mpge_bench.diagnosis.report.numbers import breakable, estimate, finite_values, listed, number, percent, unit_text
 from mpge_bench.diagnosis.settings import VerdictSettings
-from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Estimate, FoundEffect, JointEvidence, Law, Place
+from mpge_bench.diagnosis.verdict.evidence import JointEvidence, Law
+from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Estimate, FoundEffect, Place
 from mpge_bench.envs.effects import CATALOGUE
 
 Array = npt.NDArray[np.float64]

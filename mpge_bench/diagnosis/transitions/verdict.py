@@ -17,8 +17,9 @@ from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, standar
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.confusions import experiment
+from mpge_bench.diagnosis.verdict.evidence import Evidence, Trajectory
 from mpge_bench.diagnosis.verdict.intervals import Intervals, each_bounded
-from mpge_bench.diagnosis.verdict.result import Accuracy, Confusion, DiagnosisResult, Errors, Estimate, Evidence, FoundEffect, Place, Rival, Trajectory
+from mpge_bench.diagnosis.verdict.result import Accuracy, Confusion, DiagnosisResult, Errors, Estimate, FoundEffect, Place, Rival
 from mpge_bench.diagnosis.verdict.words import chance, time_taken
 from mpge_bench.envs.effects import Effect
 

@@ -14,7 +14,8 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import predicted, with_a_past
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
-from mpge_bench.diagnosis.verdict.result import Accuracy, Errors, Trajectory
+from mpge_bench.diagnosis.verdict.evidence import Trajectory
+from mpge_bench.diagnosis.verdict.result import Accuracy, Errors
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]

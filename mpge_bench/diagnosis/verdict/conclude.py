@@ -15,8 +15,9 @@ from mpge_bench.diagnosis.verdict.accuracy import accuracy
 from mpge_bench.diagnosis.verdict.confusions import confusions, rivals
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.diagnosis.verdict.enough import more_data
+from mpge_bench.diagnosis.verdict.evidence import Evidence
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
-from mpge_bench.diagnosis.verdict.result import DiagnosisResult, Evidence
+from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
 from mpge_bench.diagnosis.verdict.words import chance, checks, summary, time_taken
 from mpge_bench.envs.effects import Effect, UnknownTorque

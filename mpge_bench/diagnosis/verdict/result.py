@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
+from mpge_bench.diagnosis.verdict.evidence import Evidence
 from mpge_bench.envs.effects import CATALOGUE
 
 Array = npt.NDArray[np.float64]
@@ -22,6 +23,8 @@ Value = float | tuple[float, ...] | None
 
 SCHEMA = "mpge_bench/diagnosis/1"
 EXPLANATIONS = ("physics", "formula", "curve", "nothing")
+#: Of a result that was read back, or has none.
+NO_EVIDENCE = Evidence()
 VERDICTS = ("no_mismatch", "too_little_data", "explained", "partly_explained", "unexplained")
 
 
@@ -134,65 +137,6 @@ class MoreData:
 
 
 @dataclass(frozen=True)
-class JointEvidence:
-    """Force that the simulator lacks at one joint, row by row of all recordings, thinned out to a few thousand rows.
-
-    Attributes:
-        unit: of the force, N m or N; `angle` and `speed` are the units of q and dq.
-        share: of all joints' residual force before, 0 to 1.
-        noise: standard deviation of the residual force that the sensors' noise alone makes.
-    """
-
-    joint: str
-    unit: str
-    angle: str
-    speed: str
-    share: float
-    noise: float
-    time: Array
-    q: Array
-    dq: Array
-    command: Array
-    before: Array
-    after: Array
-
-
-@dataclass(frozen=True)
-class Law:
-    """The torque that a fitted effect adds to a joint, as a curve over the signal it depends on (dq, q or command), for drawing through `before`."""
-
-    effect: str
-    joint: str
-    signal: str
-    at: Array
-    torque: Array
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A stretch of a held-out recording, predicted from its windows' starts by the nominal and by the corrected simulator."""
-
-    recording: str
-    joint: str
-    unit: str
-    time: Array
-    measured: Array
-    before: Array
-    after: Array
-    #: Times at which the predictions start anew from the recorded state.
-    restarts: Array
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """The numbers behind the report's plots."""
-
-    joints: tuple[JointEvidence, ...] = ()
-    laws: tuple[Law, ...] = ()
-    trajectories: tuple[Trajectory, ...] = ()
-
-
-@dataclass(frozen=True)
 class DiagnosisResult:
     """All that a diagnosis says.
 
@@ -229,7 +173,7 @@ class DiagnosisResult:
     checks: tuple[str, ...] = ()
     about: Mapping[str, str] = field(default_factory=dict)
     settings: DiagnosisSettings = DEFAULT
-    evidence: Evidence = Evidence()
+    evidence: Evidence = NO_EVIDENCE
     p_is_bound: bool = False
     untold: tuple[tuple[str, ...], ...] = ()
     more_data: MoreData | None = None
@@ -277,7 +221,7 @@ class DiagnosisResult:
         return plain
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any], evidence: Evidence = Evidence()) -> DiagnosisResult:
+    def from_json(cls, data: Mapping[str, Any], evidence: Evidence = NO_EVIDENCE) -> DiagnosisResult:
         """What `to_json` gave; fields that `data` does not hold are empty."""
         experiments = data.get("experiments") or []
         told = dict(enumerate(experiments))

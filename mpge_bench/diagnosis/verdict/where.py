@@ -11,7 +11,8 @@ from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.torques import joint_torques
 from mpge_bench.diagnosis.settings import VerdictSettings
-from mpge_bench.diagnosis.verdict.result import JointEvidence, Law, Place
+from mpge_bench.diagnosis.verdict.evidence import JointEvidence, Law
+from mpge_bench.diagnosis.verdict.result import Place
 from mpge_bench.envs.effects import Effect
 
 

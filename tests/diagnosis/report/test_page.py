@@ -17,22 +17,8 @@ from matplotlib import image
 
 from mpge_bench.diagnosis.report.numbers import number
 from mpge_bench.diagnosis.report.page import report_html
-from mpge_bench.diagnosis.verdict.result import (
-    Accuracy,
-    Confusion,
-    Detectable,
-    DiagnosisResult,
-    Errors,
-    Estimate,
-    Evidence,
-    FoundEffect,
-    JointEvidence,
-    Law,
-    MoreData,
-    Place,
-    Rival,
-    Trajectory,
-)
+from mpge_bench.diagnosis.verdict.evidence import Evidence, JointEvidence, Law, Trajectory
+from mpge_bench.diagnosis.verdict.result import Accuracy, Confusion, Detectable, DiagnosisResult, Errors, Estimate, FoundEffect, MoreData, Place, Rival
 
 VOID = {"meta", "link", "br", "hr", "img", "input", "wbr"}
 

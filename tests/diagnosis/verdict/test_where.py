@@ -7,7 +7,7 @@ import pytest
 
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.verdict.result import JointEvidence
+from mpge_bench.diagnosis.verdict.evidence import JointEvidence
 from mpge_bench.diagnosis.verdict.where import places
 from mpge_bench.envs.effects import CoulombFriction, Effect, Gravity, MassScale
 

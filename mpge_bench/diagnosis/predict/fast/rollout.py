@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.predict.fast.laws import Indices, Program, delivered, has_law, written
+from mpge_bench.diagnosis.predict.fast.laws import delivered
+from mpge_bench.diagnosis.predict.fast.program import Indices, Program, has_law, written
 from mpge_bench.diagnosis.predict.fast.trees import FlatTree, dynamics, flat_tree, hold, solve, workspace
 from mpge_bench.envs.compiled import compiled
 from mpge_bench.envs.effects import Effect

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.predict.fast.laws import follow, has_law
+from mpge_bench.diagnosis.predict.fast.laws import follow
+from mpge_bench.diagnosis.predict.fast.program import has_law
 from mpge_bench.envs.effects import CATALOGUE, Backlash, CoulombFriction, Delay, Effect, Hidden, JointElasticity, Lag, Latency, PositionServo
 
 
