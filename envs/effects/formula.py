@@ -27,7 +27,8 @@ _WAVES = Parameter("1/rad", 0.05, 100.0, neutral=math.inf)
 def _sine(waves: float, phase: float) -> str:
     """For people."""
     turn = math.remainder(phase, 2 * math.pi)
-    return f"sin({waves:.4g} q{f' {turn:+.2g}'.replace('+', '+ ').replace('-', '- ') if abs(turn) >= _NO_PHASE else ''})"
+    shift = f" {'-' if turn < 0 else '+'} {abs(turn):.2g}" if abs(turn) >= _NO_PHASE else ""
+    return f"sin({waves:.4g} q{shift})"
 
 
 def _between(kind: type[Effect], intervals: Mapping[str, Sequence[tuple[float, float]]], slide: bool, *names: str) -> str:
@@ -39,10 +40,17 @@ def _between(kind: type[Effect], intervals: Mapping[str, Sequence[tuple[float, f
     return f"(q is its position; {', '.join(told)})"
 
 
-def _waves(scale: Scale) -> list[float]:
-    """Waves a radian from which a law's is sought: as many as joints that swing so far tell apart."""
+def _acts(law: Effect, intervals: Mapping[str, Sequence[tuple[float, float]]], slide: bool, *names: str) -> str:
+    """What a law that adds a torque is, with the intervals of these parameters."""
+    what, unit = ("force", "N") if slide else ("torque", "N m")
+    return f"A {what} of {law.formula} {unit} acts on the {law.target} {_between(type(law), intervals, slide, *names)}."
+
+
+def _turns(scale: Scale) -> list[dict[str, float]]:
+    """Waves a radian and phases from which a law's are sought: as many waves as joints that swing so far tell apart."""
     least = _NEAR / (2 * scale.angle)
-    return np.arange(max(1.0, round(1.0 / least)) * least, _MOST_WAVES, least).tolist()
+    waves = np.arange(max(1.0, round(1.0 / least)) * least, _MOST_WAVES, least).tolist()
+    return [{"waves": wave, "phase": phase} for wave in waves for phase in (0.0, math.pi / 2, math.pi, -math.pi / 2)]
 
 
 @dataclass(frozen=True)
@@ -73,13 +81,11 @@ class PeriodicTorque(Effect):
         return f"{self.amplitude:.4g} {_sine(self.waves, self.phase)}"
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
-        what, unit = ("force", "N") if slide else ("torque", "N m")
-        return f"A {what} of {self.formula} {unit} acts on the {self.target} {_between(type(self), intervals, slide, 'amplitude', 'waves')}."
+        return _acts(self, intervals, slide, "amplitude", "waves")
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        phases = (0.0, math.pi / 2, math.pi, -math.pi / 2)
-        return [{"amplitude": 0.1 * scale.torque, "waves": waves, "phase": phase} for waves in _waves(scale) for phase in phases]
+        return [{"amplitude": 0.1 * scale.torque, **turn} for turn in _turns(scale)]
 
 
 @dataclass(frozen=True)
@@ -107,8 +113,7 @@ class CubicSpring(Effect):
         return f"{-self.stiffness:.4g} (q - {self.rest:.4g})³".replace("- -", "+ ")
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
-        what, unit = ("force", "N") if slide else ("torque", "N m")
-        return f"A {what} of {self.formula} {unit} acts on the {self.target} {_between(type(self), intervals, slide, 'stiffness', 'rest')}."
+        return _acts(self, intervals, slide, "stiffness", "rest")
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] -= self.stiffness * (q[joint] - self.rest) ** 3
@@ -148,8 +153,8 @@ class PeriodicFriction(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        size, phases = 0.1 * scale.torque, (0.0, math.pi / 2, math.pi, -math.pi / 2)
-        return [{"mean": size, "swing": size, "waves": waves, "phase": phase} for waves in _waves(scale) for phase in phases]
+        size = 0.1 * scale.torque
+        return [{"mean": size, "swing": size, **turn} for turn in _turns(scale)]
 
 
 @dataclass(frozen=True)
@@ -210,5 +215,4 @@ class PeriodicGain(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        phases = (0.0, math.pi / 2, math.pi, -math.pi / 2)
-        return [{"depth": 0.1, "waves": waves, "phase": phase} for waves in _waves(scale) for phase in phases]
+        return [{"depth": 0.1, **turn} for turn in _turns(scale)]

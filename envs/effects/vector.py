@@ -77,6 +77,15 @@ def sizes_of(effects: Sequence[Effect]) -> Array:
     return np.array(found)
 
 
+def largest_of(effect: Effect) -> list[float]:
+    """Of each of `parameters_of(effect)` the size of its vector's largest component; 0 of what is no vector."""
+    found: list[float] = []
+    for name, _ in _fitted(effect):
+        value = getattr(effect, name)
+        found += [max(map(abs, value))] * len(value) if isinstance(value, tuple) else [0.0]
+    return found
+
+
 def rebuild(effects: Sequence[Effect], values: Array) -> list[Effect]:
     """`effects` with all their parameters replaced by `values`, one after another, each clipped to its bounds."""
     result, at = [], 0

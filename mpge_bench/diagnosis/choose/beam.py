@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.formulas import lone_formula
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
+from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
@@ -83,10 +83,10 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
     present = {(plainer, effect.target) for effect in model.effects for plainer in effect.contains}
     ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
-    contained = [[effect for effect in model.effects if effect.target == one.target and effect.name in one.kind.contains] for one in ranked]
+    contained = [[effect for effect in model.effects if one.contains(effect)] for one in ranked]
     rest = [[effect for effect in model.effects if effect not in within] for within in contained]
     steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]
-    fits: list[Fit] = trials.each(_grown, (fitter,), steps)
+    fits = trials.grown(fitter, steps)
     fits = sorted((one for one in fits if not any(idle(problem, fitter, one.effects))), key=lambda one: fitter.chi_square(one.cost, slice(None)))
     return [trials.fitted(draft) for draft in trials.each(drafted, (fitter,), fits[: tried // 2])]
 
@@ -129,7 +129,3 @@ def _renew_noise(trials: Trials, model: Model) -> None:
     problem = with_noise_of(trials.problem, trials.fitter, model)
     if problem is not None:
         trials.begin(problem, nominal(problem))
-
-
-def _grown(problem: Problem, fitter: LinearFitter, step: tuple[list[Effect], Candidate]) -> Fit:
-    return fitter.grow(*step)

@@ -19,9 +19,8 @@ from mpge_bench.envs.effects import Effect, UnknownTorque
 def with_curves(trials: Trials, chosen: Model) -> Model:
     """`chosen` and, where a nameless curve predicts validation recordings much better, that curve with what is still needed beside it."""
     problem, settings = trials.problem, trials.settings
-    clean = problem.settings.fit.clean
     for _ in problem.rig.joints:
-        if (chosen.train < clean and chosen.validation < clean) or trials.cut_short("nameless curves"):
+        if trials.is_clean(chosen) or trials.cut_short("nameless curves"):
             break
         predictor = problem.fitter(chosen.effects).predictor
         present = {(one.target, one.goes_by) for one in chosen.effects if not one.named}

@@ -18,10 +18,13 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished
-from mpge_bench.envs.effects import CATALOGUE, Effect
+from mpge_bench.diagnosis.fit.told import unit_length
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of, values_of
 
 Array = npt.NDArray[np.float64]
+#: What is said to be cut short where time is up.
+_STAGE = "fitting all joints at once"
 
 
 def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
@@ -34,19 +37,15 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     for one in trials.candidates:
         if one.kind.everywhere:
             kinds.setdefault(one.name, []).append(one.starts[0])
-    if sum(map(len, kinds.values())) < 2 or trials.cut_short("fitting all joints at once"):
+    if sum(map(len, kinds.values())) < 2 or trials.cut_short(_STAGE):
         return None
-    pair, waiting = (trials.nominal, trials.fitter), dict(kinds)
-    while waiting and not trials.cut_short("fitting all joints at once"):
-        name = _most(pair, waiting)
-        # What is off by a sensor's zero or a tilted base readily stands in for other physics; friction and rotors every joint has.
-        least = trials.settings.material if CATALOGUE[name].on == "joint" else trials.settings.coarse_material
-        grown = _fitted(trials, [*pair[0].effects, *waiting.pop(name)])
-        if grown[0].train < (1 - least) * pair[0].train and trials.no_worse(grown[0], pair[0]):
-            pair = grown
-            # Beside it others may do what they did not.
-            waiting = {other: starts for other, starts in kinds.items() if all(effect.name != other for effect in pair[0].effects)}
-    while len(pair[0].effects) > 2 and not trials.cut_short("fitting all joints at once"):
+    pair = trials.nominal, trials.fitter
+    while not trials.cut_short(_STAGE):
+        richer = _richer(trials, pair, kinds)
+        if richer is None:
+            break
+        pair = richer
+    while len(pair[0].effects) > 2 and not trials.cut_short(_STAGE):
         useless = list(idle(trials.problem, pair[1], pair[0].effects))
         kept = [effect for effect in needed(trials.problem, pair[0]) if effect not in useless]
         if len(kept) == len(pair[0].effects):
@@ -56,25 +55,32 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     return pair
 
 
-def _most(pair: tuple[Model, LinearFitter], kinds: Mapping[str, Sequence[Effect]]) -> str:
-    """Which of `kinds` explains most of what the model leaves, to first order, beside what the model's own effects can."""
+def _richer(trials: Trials, pair: tuple[Model, LinearFitter], kinds: Mapping[str, Sequence[Effect]]) -> tuple[Model, LinearFitter] | None:
+    """`pair` with the first of `kinds` that it has not and that helps, what promises most first; None where none does."""
+    present = {effect.name for effect in pair[0].effects}
+    for name in _ranked(pair, {name: starts for name, starts in kinds.items() if name not in present}):
+        if trials.cut_short(_STAGE):
+            break
+        # What is off by a sensor's zero or a tilted base readily stands in for other physics; friction and rotors every joint has.
+        least = trials.settings.material if kinds[name][0].on == "joint" else trials.settings.coarse_material
+        grown = _fitted(trials, [*pair[0].effects, *kinds[name]])
+        if grown[0].train < (1 - least) * pair[0].train and trials.no_worse(grown[0], pair[0]):
+            return grown
+    return None
+
+
+def _ranked(pair: tuple[Model, LinearFitter], kinds: Mapping[str, Sequence[Effect]]) -> list[str]:
+    """`kinds` by how much they explain of what the model leaves, to first order, beside what the model's own effects can; the most first."""
     model, fitter = pair
-    weights, train = fitter.weights(model.fit.cost), fitter.train
-
-    def weighted(values: Array) -> Array:
-        kept = (values * weights)[..., train, :]
-        return np.asarray(kept.reshape(*kept.shape[:-2], kept.shape[-2] * kept.shape[-1]))
-
-    left, own = weighted(model.fit.residuals), weighted(model.fit.jacobian)
+    cost = model.fit.cost
+    left, own = fitter.weighted(model.fit.residuals, cost), fitter.weighted(model.fit.jacobian, cost)
     at = fitter.predictor.change(model.effects)
     missed = {}
     for name, starts in kinds.items():
         columns = np.stack([fitter.predictor.change([*model.effects, start]) - at for start in starts])
-        unknown = np.concatenate((own, weighted(columns)))
-        size = np.linalg.norm(unknown, axis=1, keepdims=True)
-        unknown = np.divide(unknown, size, out=np.zeros_like(unknown), where=size > 0).T
+        unknown = unit_length(np.concatenate((own, fitter.weighted(columns, cost)))).T
         missed[name] = float(((left - unknown @ np.linalg.lstsq(unknown, left, rcond=1e-6)[0]) ** 2).sum())
-    return min(missed, key=missed.__getitem__)
+    return sorted(missed, key=missed.__getitem__)
 
 
 def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]:
@@ -82,7 +88,7 @@ def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]
     settings = trials.settings
     model, fitter = polished(trials.problem, effects)
     for _ in range(settings.convergences):
-        if trials.cut_short("fitting all joints at once"):
+        if trials.cut_short(_STAGE):
             break
         (model, fitter), gained = trials.again(model, fitter, evaluations=1)
         if gained < settings.converged * model.train:

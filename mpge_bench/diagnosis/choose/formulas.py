@@ -12,8 +12,8 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import drafted
-from mpge_bench.diagnosis.fit.told import spanned
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates
+from mpge_bench.diagnosis.fit.told import spanned, unit_length
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
 
@@ -22,12 +22,10 @@ Array = npt.NDArray[np.float64]
 
 def with_formulas(trials: Trials, chosen: Model) -> Model:
     """`chosen` or, where that predicts validation recordings much better, a formula at each of some joints with the named physics still needed beside it."""
-    problem = trials.problem
-    clean, options = problem.settings.fit.clean, candidates(problem.rig, problem.scales, formulas=True)
-    for _ in problem.rig.joints:
-        if (chosen.train < clean and chosen.validation < clean) or trials.cut_short("formulas"):
+    for _ in trials.problem.rig.joints:
+        if trials.is_clean(chosen) or trials.cut_short("formulas"):
             break
-        rich = _richer(trials, options, chosen)
+        rich = _richer(trials, chosen)
         if rich is None or not (is_told(rich) and trials.is_better(chosen, rich, materially=True) and trials.no_worse(rich, chosen)):
             break
         chosen = needed(trials, rich)
@@ -36,14 +34,10 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
 
 def lone_formula(trials: Trials) -> Model | None:
     """A formula that by itself leaves next to nothing, which no other model then need be sought for; None where none does."""
-    problem, settings = trials.problem, trials.settings
+    settings = trials.settings
     if trials.cut_short("formulas"):
         return None
-    options = candidates(problem.rig, problem.scales, formulas=True)
-    looks: list[tuple[float, Candidate]] = trials.each(_look, (trials.fitter, trials.nominal), options)
-    promising = sorted((look for look in looks if look[0] > settings.lone and look[1].starts), key=lambda look: -look[0])[: settings.formulas]
-    fits: list[Fit] = trials.each(_grown, (trials.fitter,), [([], one) for _, one in promising])
-    best = min(fits, key=lambda one: trials.fitter.chi_square(one.cost), default=None)
+    best = min(_fits(trials, trials.nominal, trials.fitter, settings.lone), key=lambda one: trials.fitter.chi_square(one.cost), default=None)
     # In the linearised simulator, along the recorded motion: an unpolished fit may lead the simulator itself far astray.
     if best is None or trials.fitter.chi_square(best.cost) > settings.coarse:
         return None
@@ -51,54 +45,46 @@ def lone_formula(trials: Trials) -> Model | None:
     return trials.add(model) if model.overall < settings.coarse and is_told(model) else None
 
 
-def _richer(trials: Trials, options: list[Candidate], chosen: Model) -> Model | None:
+def _richer(trials: Trials, chosen: Model) -> Model | None:
     """The best model of one formula beside `chosen`, or beside nothing: named physics may have stood in for it."""
-    problem, settings = trials.problem, trials.settings
     drafts: list[Model] = []
     for model in (chosen, trials.nominal) if chosen.effects else (trials.nominal,):
-        fitter = problem.fitter(model.effects) if model.effects else trials.fitter
-        here = [one for one in options if one.label not in model.key]
-        looks: list[tuple[float, Candidate]] = trials.each(_look, (fitter, model), here)
-        promising = sorted(looks, key=lambda look: -look[0])[: settings.formulas]
-        steps = [([effect for effect in model.effects if not _is_in(effect, one)], one) for _, one in promising if one.starts]
-        fits: list[Fit] = trials.each(_grown, (fitter,), steps)
-        drafts += trials.each(drafted, (fitter,), fits)
-    ends = trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[: settings.polished]])
+        fitter = trials.problem.fitter(model.effects) if model.effects else trials.fitter
+        drafts += trials.each(drafted, (fitter,), _fits(trials, model, fitter, 0.0))
+    ends = trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[: trials.settings.polished]])
     if not ends:
         return None
     best = min(ends, key=lambda pair: pair[0].overall)
     return trials.add(trials.converged(*best)[0])
 
 
+def _fits(trials: Trials, model: Model, fitter: LinearFitter, least: float) -> list[Fit]:
+    """The formulas that promise most beside `model`, more than a share `least` of what it leaves, fitted in the linearised simulator."""
+    here = [one for one in trials.formulas if one.label not in model.key]
+    looks: list[tuple[float, Candidate]] = trials.each(_look, (fitter, model), here)
+    promising = sorted((look for look in looks if look[0] > least), key=lambda look: -look[0])[: trials.settings.formulas]
+    return trials.grown(fitter, [([effect for effect in model.effects if not one.contains(effect)], one) for _, one in promising])
+
+
 def is_told(model: Model) -> bool:
     """Whether what makes the formulas of `model` what they are lies within 95% intervals that leave out 0: any wave fits a motion of a few windows a little."""
-    at = 0
+    errors = iter(model.standard_errors.tolist())
     for effect in model.effects:
-        for name in effect.parameters if effect.named else ():
-            numbers = np.atleast_1d(getattr(effect, name))
-            errors = model.standard_errors[at : at + len(numbers)]
-            at += len(numbers)
-            if name in effect.rests_on and (np.abs(numbers) < model.interval * errors).any():
-                return False
+        numbers = [(value, next(errors)) for value in parameters_of(effect)]
+        # A formula's parameters are single numbers.
+        told = dict(zip(effect.parameters, numbers, strict=True)) if effect.is_formula else {}
+        if any(abs(told[name][0]) < model.interval * told[name][1] for name in effect.rests_on):
+            return False
     return True
 
 
 def _look(problem: Problem, fitter: LinearFitter, model: Model, candidate: Candidate) -> tuple[float, Candidate]:
     """What share of what `model` leaves the best start of `candidate` explains, as large as is best; and the candidate with its best starts, so large."""
-    weights, train = fitter.weights(model.fit.cost), fitter.train
-
-    def flat(values: Array) -> Array:
-        kept = (values * weights)[..., train, :]
-        return np.asarray(kept.reshape(*kept.shape[:-2], kept.shape[-2] * kept.shape[-1]))
-
-    left, columns = flat(model.fit.residuals), flat(fitter.columns(candidate, model.effects))
+    cost = model.fit.cost
+    left, columns = fitter.weighted(model.fit.residuals, cost), fitter.weighted(fitter.columns(candidate, model.effects), cost)
     # What other parameters of the model, or nuisances, could explain is no formula's gain.
-    taken = np.concatenate((flat(fitter.free), flat(model.fit.jacobian)))
-    length = np.linalg.norm(taken, axis=1, keepdims=True)
-    taken = taken[length[:, 0] > 0] / length[length[:, 0] > 0]
-    if len(taken):
-        basis = spanned(taken)
-        left, columns = left - (left @ basis.T) @ basis, columns - (columns @ basis.T) @ basis
+    basis = spanned(unit_length(np.concatenate((fitter.weighted(fitter.free, cost), fitter.weighted(model.fit.jacobian, cost)))))
+    left, columns = left - (left @ basis.T) @ basis, columns - (columns @ basis.T) @ basis
     power = np.maximum((columns**2).sum(1), 1e-12)
     along = columns @ left
     # A law's size is no less than none: what points the other way is another start, with another phase.
@@ -113,12 +99,3 @@ def _sized(start: Effect, share: float) -> Effect:
     neutral = np.array(neutrals_of(start))
     values = np.array(parameters_of(start))
     return with_parameters(start, np.where(np.isfinite(neutral), share * values, values).tolist())
-
-
-def _is_in(effect: Effect, candidate: Candidate) -> bool:
-    """Whether `candidate` is a richer form of `effect`."""
-    return effect.target == candidate.target and effect.name in candidate.kind.contains
-
-
-def _grown(problem: Problem, fitter: LinearFitter, step: tuple[list[Effect], Candidate]) -> Fit:
-    return fitter.grow(*step)

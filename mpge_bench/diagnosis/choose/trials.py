@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,10 @@ import numpy as np
 from mpge_bench.diagnosis.choose.exported import exported_error, noise_floors, validation_recordings
 from mpge_bench.diagnosis.choose.score import gain, is_better
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished, unforgiven
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, label
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import begin_budget, is_past
 from mpge_bench.envs.effects import Effect
@@ -87,6 +88,16 @@ class Trials:
     def settings(self) -> ChooseSettings:
         return self.problem.settings.choose
 
+    @cached_property
+    def formulas(self) -> tuple[Candidate, ...]:
+        """Laws that are said as formulas."""
+        return tuple(candidates(self.problem.rig, self.problem.scales, formulas=True))
+
+    def is_clean(self, model: Model) -> bool:
+        """Whether `model` leaves nothing to be explained, neither of what it was fitted to nor of what chooses."""
+        clean = self.problem.settings.fit.clean
+        return model.train < clean and model.validation < clean
+
     def cut_short(self, stage: str) -> bool:
         """Whether there is no time left for something more of `stage`, which is then noted as cut short."""
         if self.clock.late:
@@ -153,6 +164,10 @@ class Trials:
         """Each set of effects fitted to the end."""
         return self.each(polished, (), sets)
 
+    def grown(self, fitter: LinearFitter, steps: Sequence[tuple[Sequence[Effect], Candidate]]) -> list[Fit]:
+        """Of each step its effects and a candidate beside them, fitted in the linearised simulator."""
+        return self.each(_grown, (fitter,), steps)
+
     def settled(self, model: Model) -> Model:
         """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""
         train = ~self.problem.validation
@@ -200,3 +215,7 @@ class Trials:
                     break
                 evaluations = 1
         return model, fitter
+
+
+def _grown(problem: Problem, fitter: LinearFitter, step: tuple[Sequence[Effect], Candidate]) -> Fit:
+    return fitter.grow(*step)

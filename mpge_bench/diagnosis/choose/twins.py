@@ -14,8 +14,8 @@ from scipy import optimize
 
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.told import spanned
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key, label
+from mpge_bench.diagnosis.fit.told import spanned, unit_length
+from mpge_bench.diagnosis.hypotheses.candidates import key, label
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -94,10 +94,10 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
             break
         others = [other for other in chosen.effects if other is not effect]
         (own,) = flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
-        taken = spanned(_unit(np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))))
+        taken = spanned(unit_length(np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))))
         left = own - (own @ taken.T) @ taken
         for candidate in trials.candidates:
-            if candidate.label in chosen.key or _contains(candidate, effect) or only not in (None, candidate.label):
+            if candidate.label in chosen.key or candidate.contains(effect) or only not in (None, candidate.label):
                 continue
             columns = flat(fitter.columns(candidate, others))
             length = np.linalg.norm(columns, axis=1, keepdims=True)
@@ -138,24 +138,13 @@ def plainness(effect: Effect) -> tuple[bool, int, int, int]:
 
 def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:
     """Length of what of `own`, shape (readings,), the `columns`, shape (columns, readings), cannot make up; with `one_sided`, in no negative amounts."""
-    unit = _unit(columns).T
+    unit = unit_length(columns).T
     if one_sided:
         return float(optimize.nnls(unit, own)[1])
     return float(np.linalg.norm(own - unit @ np.linalg.lstsq(unit, own, rcond=1e-6)[0]))
-
-
-def _unit(columns: Array) -> Array:
-    """`columns`, shape (columns, readings), at unit length."""
-    length = np.sqrt((columns**2).sum(1, keepdims=True))
-    return np.asarray(columns / np.where(length > 0, length, 1.0))
 
 
 def _columns_of_others(chosen: Model, effect: Effect) -> Array:
     """Derivatives of the prediction by the parameters of the other effects of `chosen`."""
     belongs = [one is not effect for one in chosen.effects for _ in parameters_of(one)]
     return np.asarray(chosen.fit.jacobian[np.array(belongs, bool)])
-
-
-def _contains(candidate: Candidate, effect: Effect) -> bool:
-    """Whether `candidate` is a richer form of `effect`, which can do all that it does."""
-    return effect.name in candidate.kind.contains and candidate.target == effect.target

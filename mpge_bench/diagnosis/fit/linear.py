@@ -112,6 +112,11 @@ class LinearFitter:
         relative = np.maximum(cost / self.count, 1.0)
         return np.asarray((np.exp(np.mean(np.log(relative[self.train]))) / relative) ** self.settings.robustness)[:, None]
 
+    def weighted(self, values: Array, cost: Array) -> Array:
+        """`values` (..., windows, rows * channels) of the train windows with the `weights` of `cost`, one reading after another, shape (..., readings)."""
+        kept = (values * self.weights(cost))[..., self.train, :]
+        return np.asarray(kept.reshape(*kept.shape[:-2], kept.shape[-2] * kept.shape[-1]))
+
     def standard_errors(self, fit: Fit) -> Array:
         """Of the parameters, shape (parameters,); infinite where they are not told.
 

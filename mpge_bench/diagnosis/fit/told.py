@@ -13,6 +13,12 @@ from mpge_bench.diagnosis.settings import FitSettings
 Array = npt.NDArray[np.float64]
 
 
+def unit_length(columns: Array) -> Array:
+    """`columns`, shape (columns, readings), at unit length; those of 0 as they are."""
+    length = np.sqrt((columns**2).sum(1, keepdims=True))
+    return np.asarray(columns / np.where(length > 0, length, 1.0))
+
+
 def spanned(columns: Array) -> Array:
     """Orthonormal directions of what `columns` of unit length (or 0), shape (columns, readings), span but for rounding, shape (directions, readings)."""
     values, vectors = np.linalg.eigh(columns @ columns.T)

@@ -14,6 +14,7 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import largest_of, with_parameters
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
@@ -149,8 +150,8 @@ class Parameters:
 
     def largest(self, at: Array) -> Array:
         """Of each the size of its vector's largest component, shape (parameters,); 0 of what is no vector: its other numbers may be of any unit."""
-        own = [_largest(one, values) for one, values in zip(self.hypotheses, self.parted(at), strict=True)]
-        return np.concatenate(own)
+        found = [with_parameters(one.starts[0], values) for one, values in zip(self.hypotheses, self.parted(at), strict=True)]
+        return np.concatenate([largest_of(one) for one in found])
 
     def parted(self, at: Array) -> list[list[float]]:
         """Each hypothesis's own."""
@@ -252,16 +253,6 @@ def _unit(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
     sizes = np.abs(values) if hypothesis.absent is None else np.maximum(np.abs(values), np.abs(hypothesis.absent))
     largest = float(sizes.max())
     return np.asarray(np.where(sizes > 0, sizes, largest if largest > 0 else 1.0))
-
-
-def _largest(hypothesis: Hypothesis, values: Sequence[float]) -> Array:
-    found, at = np.zeros(len(values)), 0
-    for name, parameter in hypothesis.kind.parameters.items():
-        size = 1 if parameter.size == 1 else len(getattr(hypothesis.starts[0], name))
-        if parameter.size != 1:
-            found[at : at + size] = np.abs(values[at : at + size]).max()
-        at += size
-    return found
 
 
 def normal_equations(slopes: Array, residuals: Array, settings: ReplaySettings) -> tuple[Array, Array]:

@@ -74,8 +74,11 @@ def parted(robot: Robot, target: Episodes, own: Episodes, settings: ReplaySettin
     trust = trust_in(nothing, settings)
     # In one unit, lest the quieter of the two seem the noisier.
     fitted = found.part(~unseen)
-    whole, part, own_part = (Replay(robot, one, settings.settle, settings.worst, trust, fitted.scale) for one in (found, fitted, nothing.episodes))
-    return Parts(whole, part, own_part, unseen)
+
+    def ready(episodes: Episodes) -> Replay:
+        return Replay(robot, episodes, settings.settle, settings.worst, trust, fitted.scale)
+
+    return Parts(ready(found), ready(fitted), ready(nothing.episodes), unseen)
 
 
 def unmask(

@@ -43,6 +43,7 @@ from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 
+
 @compiled
 def _cut(value: float, most: float) -> float:
     return most if value > most else -most if value < -most else value
