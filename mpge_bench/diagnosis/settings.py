@@ -275,6 +275,8 @@ class ReplaySettings:
     leftover: float = _setting(0.01, "probability", "that as much as a model leaves is noise, below which more is looked for")
     told: float = _setting(1e-8, "squared scales of what is missed", "a parameter that moves a row by less when it doubles is not told")
     draws: int = _setting(999, "draws", "of the permutation test for any mismatch")
+    suspects: int = _setting(5, "hypotheses", "along which most more is missed than the source misses of its own, are held against all its sets")
+    own_sets: int = _setting(8, "sets", "of the source's own transitions, each as many as the target's: they cost nothing, and tell how sets differ by chance")
     certain: float = _setting(1e-6, "probability", "what is said of a mismatch that shows without noise: the simulator repeats itself bit for bit")
     freedom: float = _setting(2.0, "degrees of freedom", "of the t distribution of residuals: contacts make far outliers")
 

@@ -58,7 +58,7 @@ def diagnose_free(
     options = hypotheses(simulator, parts.searched.recordings, motions, settings.replay)
     search = Search(fitted, options, workers, clock, settings.replay, advance)
     own = fitted.imagined(0)
-    test = compared(fitted, own, options, search.few, workers, settings)
+    test = compared(fitted, own, options, len(search.few), workers, settings)
     answer = search.answer() if test.is_mismatch else search.nothing()
     answer = chosen_by(searched.part(choosing), answer, settings)
     where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()

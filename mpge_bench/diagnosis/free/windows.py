@@ -83,6 +83,11 @@ class Windows:
         """Coordinates at all rows, and those of the start."""
         return int(self.slopes.shape[1] + self.slopes.shape[2])
 
+    @property
+    def sets(self) -> int:
+        """All are one draw."""
+        return 1
+
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What the simulator with `effects` misses, from the starts that are likeliest given both what was recorded at them and after them.
 

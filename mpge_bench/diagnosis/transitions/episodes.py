@@ -25,11 +25,13 @@ class Episodes:
         observations: s, shape (n, observation size).
         actions: a, shape (n, actuators).
         next_observations: s', shape (n, observation size).
+        sets: of how many draws, each of n / sets transitions, they are.
     """
 
     observations: Array
     actions: Array
     next_observations: Array
+    sets: int = 1
 
     def __len__(self) -> int:
         return len(self.observations)
@@ -122,7 +124,8 @@ def read_transitions(path: Path, robot: Robot) -> Episodes:
             missing = [name for name in FIELDS if name not in data]
             if missing:
                 raise UserError(f"{path}: has no array {', '.join(missing)}; transitions are {', '.join(FIELDS)}")
-            found = Episodes(*(np.asarray(data[name], float) for name in FIELDS))
+            observations, actions, following = (np.asarray(data[name], float) for name in FIELDS)
+            found = Episodes(observations, actions, following)
     except UserError:
         raise
     except Exception as error:  # numpy raises what it likes

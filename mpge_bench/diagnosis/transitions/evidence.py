@@ -67,12 +67,13 @@ def best_trust(replay: Replay, effects: Sequence[Effect], settings: ReplaySettin
     return places, min(settings.trusts, key=lambda share: left((places, share)))
 
 
-def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis], few: Rows, workers: Workers, settings: DiagnosisSettings) -> Comparison:
+def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis], few: int, workers: Workers, settings: DiagnosisSettings) -> Comparison:
     """Whether `target` is anything but the source, whose `own` transitions were drawn as the target's were.
 
     Without noise what does not repeat itself is a mismatch. With noise two permutation tests, each of which counts twice: stretches of rows of the
     two are dealt anew, and the difference of the means of what is missed is compared with those of such deals; where that tells nothing, the score of
-    each hypothesis (its effect's columns times what is missed) on blocks of rows likewise, of which the largest standardised difference counts.
+    each hypothesis (its effect's columns times what is missed) on blocks of `few` rows likewise, of which the largest standardised difference counts. By
+    how much sets of the source's own differ beyond what blocks that know nothing of each other would is allowed for.
     """
     replay = settings.replay
     missed = target.residuals((), np.arange(len(target)))
@@ -86,10 +87,7 @@ def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis]
     scale = replay.softness * scales_of(of_own, replay)
     p, bound = likeness(target, missed, own, of_own, replay)
     if 2 * p >= settings.choose.significance:
-        samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, few), (own, own.stretches(len(few), replay.stretch)))]
-        scores = workers.each(_scores, (samples, scale, replay), list(hypotheses))
-        first, second = (np.array(one).T for one in zip(*scores, strict=True))
-        p, bound = min((p, bound), permuted(first, second, replay.draws))
+        p, bound = min((p, bound), _along(target, own, hypotheses, few, scale, workers, settings))
     p = min(2 * p, 1.0)
     explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
@@ -103,13 +101,44 @@ def likeness(target: Predictor, missed: Array, own: Predictor, of_own: Array, se
     """
     scale = settings.softness * scales_of(of_own, settings)
     first, second = _sizes(target, missed / scale / settings.room, settings), _sizes(own, of_own / scale, settings)
-    return permuted(first, second, settings.draws) if first.mean() > second.mean() else (1.0, False)
+    sets = _sets(own, np.array([rows[0] for rows in own.blocks(settings.apart)]))
+    return permuted(first, second, sets, settings.draws) if first.mean() > second.mean() else (1.0, False)
 
 
 def _sizes(pieces: Predictor, missed: Array, settings: ReplaySettings) -> Array:
     """How large what is `missed` is, mean over blocks of neighbouring pieces, shape (blocks, 1)."""
     size = np.log1p(missed**2).mean(1)
     return np.array([size[rows].mean() for rows in pieces.blocks(settings.apart)])[:, None]
+
+
+def _sets(pieces: Predictor, rows: Rows) -> Rows:
+    """Which of the draws that `pieces` are of each of the `rows` belongs to, shape (rows,)."""
+    return np.asarray(rows * pieces.sets // len(pieces))
+
+
+def _along(
+    target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis], few: int, scale: Array, workers: Workers, settings: DiagnosisSettings
+) -> tuple[float, bool]:
+    """p of what is missed of `few` rows of `target` lying along the effect of any hypothesis, and whether it is but a bound.
+
+    First beside as many of its `own`; where that is more than chance, the suspects beside as many of each of its sets.
+    """
+    replay = settings.replay
+    rows = target.stretches(few, replay.stretch)
+
+    def scored(some: Sequence[Hypothesis], known: Rows) -> tuple[Array, Array]:
+        samples = [_Sample(one, rows, one.residuals((), rows)) for one, rows in ((target, rows), (own, known))]
+        first, second = (np.array(one).T for one in zip(*workers.each(_scores, (samples, scale, replay), list(some)), strict=True))
+        return first, second
+
+    first, second = scored(hypotheses, own.stretches(few, replay.stretch))
+    p = permuted(first, second, np.zeros(len(second), int), replay.draws)
+    if own.sets == 1 or 2 * p[0] >= settings.choose.significance:
+        return p
+    apart = np.abs(first.mean(0) - second.mean(0)) / np.maximum(np.concatenate((first, second)).std(0), np.finfo(float).tiny)
+    known = own.stretches(few * own.sets, replay.stretch)
+    suspects = [hypotheses[index] for index in np.argsort(-apart)[: replay.suspects]]
+    return max(p, permuted(*scored(suspects, known), _sets(own, known[:: replay.block]), replay.draws))
 
 
 @dataclass(frozen=True)
@@ -133,20 +162,40 @@ def _scores(samples: Sequence[_Sample], scale: Array, settings: ReplaySettings, 
     return found
 
 
-def permuted(first: Array, second: Array, draws: int) -> tuple[float, bool]:
+def permuted(first: Array, second: Array, sets: Rows, draws: int) -> tuple[float, bool]:
     """p, and whether it is an upper bound, of the largest standardised difference of means over columns, by dealing the blocks anew.
 
     Args:
         first, second: scores, shapes (blocks, columns).
+        sets: which draw each block of `second` belongs to, shape (blocks,): differences are divided by `design_effect`.
     """
     pooled, count = np.concatenate((first, second)), len(first)
     spread = pooled.std(0)
     pooled = pooled[:, spread > 0] / spread[spread > 0]
 
-    def largest(order: npt.NDArray[np.int64]) -> float:
-        return float(np.max(np.abs(pooled[order[:count]].mean(0) - pooled[order[count:]].mean(0)), initial=0.0))
+    def differences(order: npt.NDArray[np.int64]) -> Array:
+        return np.asarray(np.abs(pooled[order[:count]].mean(0) - pooled[order[count:]].mean(0)))
 
     rng = np.random.default_rng(0)
-    found = largest(np.arange(len(pooled)))
-    beyond = sum(largest(rng.permutation(len(pooled))) >= found for _ in range(draws))
-    return (beyond + 1) / (draws + 1), beyond == 0
+    found = np.max(differences(np.arange(len(pooled))) / design_effect(pooled[count:], sets), initial=0.0)
+    beyond = sum(np.max(differences(rng.permutation(len(pooled))), initial=0.0) >= found for _ in range(draws))
+    return (beyond + 1) / (draws + 1), bool(beyond == 0)
+
+
+def design_effect(blocks: Array, sets: Rows) -> Array:
+    """By what factor means over sets of blocks differ more than if blocks knew nothing of each other, at least 1, shape (columns,).
+
+    One episode is like itself from beginning to end, so that two of them may differ though nothing is hidden. It is the square root of Kish's
+    design effect (Survey Sampling, 1965), each column's drawn half way to that of all, since a few sets tell little.
+
+    Args:
+        blocks: shape (blocks, columns).
+        sets: which set each belongs to, shape (blocks,).
+    """
+    known = np.unique(sets)
+    if len(known) == 1:
+        return np.ones(blocks.shape[1])
+    counts = np.array([np.sum(sets == one) for one in known])
+    means = np.array([blocks[sets == one].mean(0) for one in known])
+    found = np.sum(counts[:, None] * (means - blocks.mean(0)) ** 2, 0) / (len(known) - 1) / blocks.var(0)
+    return np.asarray(np.sqrt(np.maximum((found + found.mean()) / 2, 1.0)))

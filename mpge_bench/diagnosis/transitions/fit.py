@@ -29,6 +29,10 @@ class Predictor(Protocol):
     def entries(self) -> int:
         """Residuals of a piece."""
 
+    @property
+    def sets(self) -> int:
+        """Of how many draws, equally many pieces each, they are."""
+
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What it misses of the pieces `rows`, shape (rows, entries)."""
 

@@ -108,7 +108,7 @@ def unmask(
         progress.stage("fitting models", 0)
     with Workers(jobs) as workers:
         search = Search(parts.fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, parts.own)
-        test = compared(parts.fitted, parts.own, options, search.few, workers, settings)
+        test = compared(parts.fitted, parts.own, options, len(search.few), workers, settings)
         answer = search.answer() if test.is_mismatch else search.nothing()
     result = concluded(parts.whole, parts.unseen, answer, test, settings, clock)
     return Unmasked(result, answer.chosen.effects if result.effects else ())

@@ -66,6 +66,11 @@ class Replay:
         """Numbers of an observation."""
         return self.robot.observation_size
 
+    @property
+    def sets(self) -> int:
+        """Of how many draws the episodes are."""
+        return self.episodes.sets
+
     def heads(self, total: int) -> npt.NDArray[np.int64]:
         """The first transitions of every episode: what the simulator remembers is known there."""
         return self.episodes.heads(total)

@@ -73,7 +73,7 @@ def test_with_noise_a_weak_motor_is_found_to_within_5_percent() -> None:
     options = [one for one in hypotheses(task.robot, target, settings) if one.key[1] == ("thigh_joint",) and one.kind.maps_command]
     with Workers(1) as workers:
         search = Search(found, options, workers, Clock(0.0, math.inf), settings)
-        test = compared(found, nothing, options, search.few, workers, DEFAULT)
+        test = compared(found, nothing, options, len(search.few), workers, DEFAULT)
         answer = search.answer()
     assert test.is_mismatch
     (effect,) = answer.chosen.effects
