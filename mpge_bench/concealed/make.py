@@ -1,23 +1,37 @@
-"""One case: a folder that a diagnosis may read, and one that holds the answer."""
+"""Cases as files: of each a folder that a diagnosis may read, and one that holds the answer."""
 
 from __future__ import annotations
 
-import zlib
+import json
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import yaml
 
+from mpge_bench.concealed.draw import drawn, key_of, missed, visibility
 from mpge_bench.concealed.laws import UNCATALOGUED
-from mpge_bench.concealed.mechanism import GRAVITY, PERIOD, ROWS, SERVO_STEPS, Case, H, Rig, Values, absolute, urdf
+from mpge_bench.concealed.mechanism import GRAVITY, PERIOD, ROWS, SERVO_STEPS, Array, Case, Effect, H, Rig, Values, absolute, urdf
 from mpge_bench.concealed.recorded import Commands, Sensors, Truth
+from mpge_bench.console import ConsoleProgress
+from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
 
+#: Says what a folder of cases is made of.
+MANIFEST = "cases.json"
+#: Recordings of a case: those that may be read, and those that its answer is tried on; what their commands are.
 KINDS = {"train_00": "sines", "train_01": "steps", "train_02": "closed", "train_03": "noise", "test_00": "sines", "test_01": "closed"}
 
 
 def make(case: Case, out: Path, seed: int) -> list[float]:
-    """Write one case; returns how far its effect can be seen, and the largest q and dq."""
-    key = [seed, zlib.crc32(case.name.encode())]
+    """Write one case; returns how far its effect can be seen, and the largest q and dq.
+
+    Raises:
+        RuntimeError: if the simulation is unstable.
+    """
+    key = key_of(seed, case.name)
     rng = np.random.default_rng(key)
     rig = Rig(case, rng)
     effects = absolute(case, rig, rng)
@@ -25,34 +39,69 @@ def make(case: Case, out: Path, seed: int) -> list[float]:
     folders = {"train": out / "given" / case.name, "test": out / "kept" / case.name}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
+    noise = dict(zip(("q", "dq") if sensors.has_dq else ("q",), sensors.noise, strict=False))
+    belief = _belief(rig) | ({"noise": noise} if "told" in case.options else {})
+    (folders["train"] / "robot.urdf").write_text(urdf(rig.links, rig.efforts))
+    (folders["train"] / "rig.yaml").write_text(yaml.safe_dump(belief, sort_keys=False))
+
+    errors, peaks = [], []
+    channels = ["u", *noise]
+    header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
+    for k, (name, kind) in enumerate(KINDS.items()):
+        rows, clean = _recorded(rig, effects, sensors, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]))
+        table = np.column_stack([np.arange(ROWS) * PERIOD, rows[:, : len(channels)].reshape(ROWS, -1)])
+        np.savetxt(folders[name.split("_")[0]] / f"{name}.csv", table, fmt="%.6g", delimiter=",", header=header, comments="")
+        errors.append(missed(rig, clean))
+        peaks.append(np.abs(clean[:, 1:]).max((0, 2)))
+    answers = [{"effect": e.kind, "target": e.target, "catalogued": e.kind not in UNCATALOGUED, "value": e.values} for e in effects]
+    # Last: a case without its answer is none.
+    label = {"effects": answers, "noise_q": noise["q"], "noise_dq": noise.get("dq")}
+    write_text(folders["test"] / "label.yaml", yaml.safe_dump(label, sort_keys=False))
+    return [visibility(np.concatenate(errors), sensors), *np.max(peaks, axis=0).tolist()]
+
+
+def _belief(rig: Rig) -> Values:
+    """rig.yaml of `rig`, without the noise."""
     modes: dict[str, Values] = {link.joint: {"mode": link.mode} for link in rig.links}
     for i in np.flatnonzero(rig.servo):
         modes[rig.joints[i]] |= {"kp": float(rig.kp[i]), "kd": float(rig.kd[i]), "servo_period": SERVO_STEPS * H}
-    belief = {"robot": "robot.urdf", "base": "fixed", "gravity": list(GRAVITY), "timestep": 0.001, "record_period": PERIOD, "joints": modes}
-    noise = dict(zip(("q", "dq") if sensors.has_dq else ("q",), sensors.noise, strict=False))
-    answers = [{"effect": e.kind, "target": e.target, "catalogued": e.kind not in UNCATALOGUED, "value": e.values} for e in effects]
-    label = {"effects": answers, "noise_q": noise["q"], "noise_dq": noise.get("dq")}
-    (folders["train"] / "robot.urdf").write_text(urdf(rig.links, rig.efforts))
-    (folders["train"] / "rig.yaml").write_text(yaml.safe_dump(belief | ({"noise": noise} if "told" in case.options else {}), sort_keys=False))
-    (folders["test"] / "label.yaml").write_text(yaml.safe_dump(label, sort_keys=False))
+    return {"robot": "robot.urdf", "base": "fixed", "gravity": list(GRAVITY), "timestep": 0.001, "record_period": PERIOD, "joints": modes}
 
-    errors, peaks = [], []
-    for k, (name, kind) in enumerate(KINDS.items()):
-        rng = np.random.default_rng([*key, k])
-        start = rng.uniform(-1, 1, (2, len(rig.links))) * (0.6 if rig.driven.any() else 1.5)
-        start[1] *= not any(sensors.late)
-        commands = Commands(rig, "closed" if "closed" in case.options else kind, rng, start)
-        for _ in range(6):  # no joint goes round
-            rows, clean = Truth(rig, effects).record(commands, start, sensors, rng)
-            if np.abs(clean[:, 1]).max() < 2.8:
-                break
-            start, commands.signals = start * 0.8, commands.signals * 0.8
-        channels = ["u", *noise]
-        header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
-        table = np.column_stack([np.arange(ROWS) * PERIOD, rows[:, : len(channels)].reshape(ROWS, -1)])
-        np.savetxt(folders[name.split("_")[0]] / f"{name}.csv", table, fmt="%.6g", delimiter=",", header=header, comments="")
-        expected = rig.nominal(lambda row, q, w, clean=clean: clean[row, 0], clean[:, 1:], restart=50)
-        errors.append((expected - clean[:, 1:])[50::50])
-        peaks.append(np.abs(clean[:, 1:]).max((0, 2)))
-    worst = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)).max(1)[: len(noise)]
-    return [float(max(worst / list(noise.values()))), *np.max(peaks, axis=0).tolist()]
+
+def _recorded(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Rows of u, q and dq under commands of one kind, as recorded and as they would be without noise; no joint goes round."""
+    start = rng.uniform(-1, 1, (2, len(rig.links))) * (0.6 if rig.driven.any() else 1.5)
+    start[1] *= not any(sensors.late)
+    commands = Commands(rig, kind, rng, start)
+    for _ in range(6):
+        rows, clean = Truth(rig, effects).record(commands, start, sensors, rng)
+        if np.abs(clean[:, 1]).max() < 2.8:
+            break
+        start, commands.signals = start * 0.8, commands.signals * 0.8
+    return rows, clean
+
+
+def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsoleProgress) -> int:
+    """Draw `count` cases of `seed` and write to `out` those that are not there yet; how many were missing.
+
+    Raises:
+        UserError: if `out` holds cases of another seed.
+    """
+    manifest, asked = out / MANIFEST, {"seed": seed}
+    if manifest.exists() and (found := json.loads(manifest.read_text())) != asked:
+        raise UserError(f"{out}: holds cases of seed {found.get('seed')}; give another --out, or --seed {found.get('seed')}")
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(manifest, json.dumps(asked))
+    missing = [index for index in range(count) if not (out / "kept" / f"c{index:04d}" / "label.yaml").exists()]
+    progress.stage("making cases", len(missing))
+    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(_made, out, seed, index) for index in missing]):
+            done.result()
+            progress.advance(1)
+    return len(missing)
+
+
+def _made(out: Path, seed: int, index: int) -> None:
+    # Of commands that turned out too large; `record` looks for itself.
+    mujoco.set_mju_user_warning(lambda text: None)
+    make(drawn(seed, index), out, seed)

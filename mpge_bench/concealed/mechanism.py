@@ -76,6 +76,13 @@ MECHANISMS: dict[str, tuple[tuple[str, str, str, str, float, float, float], ...]
     "cart": (("slide", "cart", "1 0 0", "torque", 1.0, 0.2, 0), ("hinge", "pole", "0 1 0", "passive", 0.3, 0.6, 0)),
     "servo2": (("shoulder", "shoulder_link", "0 1 0", "position", 1.2, 0.4, 0), ("elbow", "elbow_link", "0 1 0", "position", 0.8, 0.35, 0)),
     "free2": (("upper", "upper_link", "0 1 0", "passive", 0.8, 0.4, 0), ("lower", "lower_link", "0 1 0", "passive", 0.6, 0.35, 0)),
+    **{
+        f"arm{count}": tuple(
+            (f"joint_{i + 1}", f"link_{i + 1}", "0 0 1" if i % 3 == 0 else "0 1 0", "torque", 1.5 / (1 + 0.3 * i), 0.25, 0.1 if i % 3 == 0 else 0.0)
+            for i in range(count)
+        )
+        for count in range(4, 8)
+    },
 }
 
 

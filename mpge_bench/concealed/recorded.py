@@ -49,7 +49,7 @@ class Commands:
         top = 1.2 if self.closed or servo else 2.5
         self.signals = np.array([self.signal(kind, top, rng) for _ in range(n)]).T * (1.0 if self.closed or servo else 0.5 * rig.drive)
         # Joints without a rest position are held back a little in open-loop recordings too.
-        loose = np.array([link.joint in ("slide", "yaw") for link in rig.links])
+        loose = np.array([link.joint == "slide" or link.axis == "0 0 1" for link in rig.links])
         pace = 2 * math.pi * np.where(self.closed, 1.6, 0.4 * loose) * rig.driven
         self.kp, self.kd, self.driven = rig.inertia * pace**2, rig.inertia * pace, rig.driven
         self.limit = np.where(rig.servo, math.pi, rig.efforts)

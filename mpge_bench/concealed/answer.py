@@ -1,0 +1,133 @@
+"""What a diagnoser says of a case, in terms that all diagnosers share, and ours behind that door."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from mpge_bench.envs.errors import UserError
+
+#: The address of ours.
+OURS = "mpge_bench.concealed.answer:Ours"
+#: A parameter's value and the ends of its 95% interval, each a number, a vector's numbers, or None where nothing is said.
+Said = tuple[Any, Any, Any]
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that is said to be there.
+
+    Attributes:
+        effect: by its name in the catalogue (`mpge_bench.envs.effects`), or any other.
+        target: joint, link or "world".
+        parameters: by name.
+        confidence: 0 to 1, if there is one.
+    """
+
+    effect: str
+    target: str
+    parameters: Mapping[str, Said] = field(default_factory=dict)
+    confidence: float | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is said of one case.
+
+    Attributes:
+        mismatch: whether there is any.
+        effects: of the catalogue, by which it is explained; laws without a name are no part of it.
+        equals: other answers, each a list of (effect, target), that are said to describe the recordings as well.
+        laws: laws without a name, as (kind, target): periodic_torque, periodic_friction, one_way_friction, or any other.
+        places: joints where it shows, the most first.
+        corrected: rig.yaml of the corrected simulator; None if there is none.
+        p_value: of there being nothing, if there is one.
+        remark: a verdict, for people.
+    """
+
+    mismatch: bool
+    effects: Sequence[Named] = ()
+    equals: Sequence[Sequence[tuple[str, str]]] = ()
+    laws: Sequence[tuple[str, str]] = ()
+    places: Sequence[str] = ()
+    corrected: str | None = None
+    p_value: float | None = None
+    remark: str = ""
+
+    def to_json(self) -> str:
+        """Text that `from_json` reads."""
+        return json.dumps(asdict(self), indent=1)
+
+    @classmethod
+    def from_json(cls, text: str) -> Answer:
+        """What `to_json` wrote."""
+        data = json.loads(text)
+        data["effects"] = [Named(**one) for one in data["effects"]]
+        data["equals"], data["laws"] = [[tuple(one) for one in equal] for equal in data["equals"]], [tuple(one) for one in data["laws"]]
+        return cls(**data)
+
+
+class Diagnoser(Protocol):
+    """Anything that says what a rig lacks of recordings; a class without arguments, made anew in each process."""
+
+    def __call__(self, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> Answer:
+        """What `rig` (rig.yaml) lacks of what was recorded.
+
+        Args:
+            out: a folder of its own to write to.
+            seconds: what it should take at most, in one process.
+        """
+
+
+class Ours:
+    """`mpge_bench diagnose`."""
+
+    def __call__(self, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> Answer:
+        """See `Diagnoser`."""
+        from mpge_bench.diagnosis.pipeline import diagnose_files
+
+        diagnose_files(rig, [str(one) for one in recordings], out, seconds=seconds, jobs=1)
+        return answer_of(out)
+
+
+def answer_of(out: Path) -> Answer:
+    """The answer in diagnosis.json and corrected.yaml of the folder `out`."""
+    data = json.loads((out / "diagnosis.json").read_text())
+    named = [one for one in data["effects"] if one["effect"] != "unknown"]
+    effects = [Named(one["effect"], one["target"], {key: _said(value) for key, value in one["parameters"].items()}, one["confidence"]) for one in named]
+    chosen = {(one.effect, one.target) for one in effects}
+    equals = []
+    for models in data["indistinguishable"]:
+        answers = [[_pair(label) for label in model.split(" + ")] for model in models if model != "nothing"]
+        equals += [answer for answer in answers if set(answer) != chosen]
+    laws = [(one["law"], one["target"]) for one in data["effects"] if one.get("law")]
+    places = [one["name"] for one in data["where"] if one["kind"] == "joint"]
+    mismatch = data["verdict"] not in ("no_mismatch", "too_little_data")
+    return Answer(mismatch, effects, equals, laws, places, str(out / "corrected.yaml"), data["p_value"], data["verdict"])
+
+
+def _said(parameter: Mapping[str, Any]) -> Said:
+    return parameter["value"], parameter.get("low"), parameter.get("high")
+
+
+def _pair(label: str) -> tuple[str, str]:
+    effect, _, target = label.partition(":")
+    return effect, target
+
+
+def diagnoser(address: str) -> Diagnoser:
+    """The diagnoser at `address`, such as ``my_package.mine:MyDiagnoser``.
+
+    Raises:
+        UserError: if there is none.
+    """
+    module, _, name = address.partition(":")
+    try:
+        found: Diagnoser = getattr(importlib.import_module(module), name)()
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise UserError(f"--diagnoser {address}: cannot be made ({error}); give package.module:Class of a class that takes no arguments") from error
+    return found

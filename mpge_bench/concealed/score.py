@@ -1,0 +1,202 @@
+"""How well a diagnoser does on concealed cases: what it names, how sure it is, how much better its simulator predicts what nobody has looked at."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cached_property
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from mpge_bench.concealed.answer import Answer, Named, diagnoser
+from mpge_bench.console import ConsoleProgress
+from mpge_bench.diagnosis.data.recording import Recording, read_recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.envs.effects import Effect, effect_from_dict
+from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
+
+#: s that errors are predicted ahead.
+HORIZON = 0.5
+#: Laws outside the catalogue that can be said as a formula, and the formula's name.
+FORMULAS = {"cogging": "periodic_torque", "position_friction": "periodic_friction", "one_way_friction": "one_way_friction"}
+#: A case passes where effects and places are right or listed, no parameter is further off, and errors are at most so many times those of the true effects.
+CLOSE, NEAR = 0.05, 1.15
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A case: what may be read, and what is kept.
+
+    Attributes:
+        given: holds rig.yaml and train_*.csv.
+        kept: holds label.yaml and test_*.csv.
+    """
+
+    given: Path
+    kept: Path
+
+    @cached_property
+    def effects(self) -> list[dict[str, Any]]:
+        """As label.yaml has them: effect, target, catalogued, value."""
+        found: list[dict[str, Any]] = yaml.safe_load((self.kept / "label.yaml").read_text())["effects"]
+        return found
+
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """(effect, target)."""
+        return [(one["effect"], one["target"]) for one in self.effects]
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether the catalogue does not have it."""
+        return not all(one["catalogued"] for one in self.effects)
+
+    @property
+    def group(self) -> str:
+        """What it is counted with."""
+        return "outside the catalogue" if self.is_outside else ("nothing", "one effect", "two effects", "three effects")[min(len(self.effects), 3)]
+
+
+def cases_of(folder: Path) -> list[Truth]:
+    """The cases in a folder that `make` wrote, or in any with given/ and kept/.
+
+    Raises:
+        UserError: if there are none.
+    """
+    given = sorted(path for path in (folder / "given").glob("*") if (folder / "kept" / path.name / "label.yaml").exists())
+    if not given:
+        raise UserError(f"{folder}: has no cases (given/CASE/rig.yaml and kept/CASE/label.yaml); make some with `concealed make --out {folder}`")
+    return [Truth(path, folder / "kept" / path.name) for path in given]
+
+
+def answered(cases: Sequence[Truth], address: str, out: Path, seconds: float, jobs: int, progress: ConsoleProgress) -> None:
+    """Have each case diagnosed by the diagnoser at `address`, in processes of its own; OUT/CASE/answer.json is kept, so that work goes on where it stopped.
+
+    A diagnoser that fails has said nothing of the case: answer.json has its error.
+    """
+    diagnoser(address)
+    missing = [case for case in cases if not (out / case.given.name / "answer.json").exists()]
+    progress.stage("diagnosing", len(missing))
+    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn"), max_tasks_per_child=8) as pool:
+        for done in as_completed([pool.submit(_answer, case, address, out / case.given.name, seconds) for case in missing]):
+            done.result()
+            progress.advance(1)
+
+
+def _answer(case: Truth, address: str, out: Path, seconds: float) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    begun = time.monotonic()
+    try:
+        said = diagnoser(address)(case.given / "rig.yaml", sorted(case.given.glob("train_*")), out, seconds).to_json()
+    except Exception as error:  # whatever a user's own code raises
+        said = json.dumps({"failed": f"{type(error).__name__}: {error}"})
+    write_text(out / "answer.json", json.dumps({"seconds": time.monotonic() - begun, **json.loads(said)}, indent=1))
+
+
+def scored(cases: Sequence[Truth], out: Path, jobs: int, progress: ConsoleProgress) -> list[dict[str, Any]]:
+    """A row a case, in their order; see `score`."""
+    progress.stage("scoring", len(cases))
+    rows: dict[int, dict[str, Any]] = {}
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        futures = {pool.submit(score, case, out / case.given.name): index for index, case in enumerate(cases)}
+        for done in as_completed(futures):
+            rows[futures[done]] = done.result()
+            progress.advance(1)
+    return [rows[index] for index in range(len(cases))]
+
+
+def score(case: Truth, out: Path) -> dict[str, Any]:
+    """What came of one case.
+
+    Returns:
+        case, group, truth, found, remark, p_value, seconds; `right`: effects and places are exactly so; `credit`: 1 for that, 1/n where it is one of n
+        answers that are said to be equals; alarm, false_name and formula (None where it is not asked); parameter_error, the largest relative one; inside
+        and numbers, of 95% intervals; off, standard deviations by which each number is off by its interval; confidences, each with whether the effect is
+        there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at; passed.
+    """
+    data = json.loads((out / "answer.json").read_text())
+    seconds = data.pop("seconds")
+    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": _said(case.pairs), "seconds": seconds}
+    if "failed" in data:
+        return row | {"found": "failed", "remark": data["failed"], "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
+    answer = Answer.from_json(json.dumps(data))
+    found = [(one.effect, one.target) for one in answer.effects]
+    row |= {"found": _said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value}
+    row |= _judged(case, answer, found)
+    row |= _numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
+    row |= _errors(case, answer)
+    predicts = row["error"] <= (row["true"] * NEAR if row["true"] else row["nothing"])
+    row["passed"] = bool((row["right"] or row["credit"] > 0) and (row.get("parameter_error") or 0.0) <= CLOSE and predicts)
+    return row
+
+
+def _judged(case: Truth, answer: Answer, found: list[tuple[str, str]]) -> dict[str, Any]:
+    """What is named, held against what is there."""
+    there = set(case.pairs)
+    confidences = [[one.confidence, (one.effect, one.target) in there] for one in answer.effects if one.confidence is not None]
+    row: dict[str, Any] = {"confidences": [] if case.is_outside else confidences, "alarm": answer.mismatch if not case.effects else None}
+    if case.is_outside:
+        wanted = [(FORMULAS[one["effect"]], one["target"]) for one in case.effects if one["effect"] in FORMULAS]
+        located = all(one["target"] in answer.places[: len(case.effects)] for one in case.effects)
+        right = answer.mismatch and located and not found
+        return row | {"right": right, "credit": float(right), "false_name": bool(found), "formula": set(wanted) <= set(answer.laws) if wanted else None}
+    if not case.effects:
+        right = not answer.mismatch
+        return row | {"right": right, "credit": float(right)}
+    right = Counter(found) == Counter(case.pairs)
+    answers = {frozenset(found), *map(frozenset, answer.equals)}
+    listed = bool(found) and frozenset(there) in answers
+    return row | {"right": right, "credit": 1.0 if right and len(answers) == 1 else 1 / len(answers) if listed else 0.0}
+
+
+def _numbers(case: Truth, answer: Answer) -> dict[str, Any]:
+    """How far parameters are off, relatively and by their intervals. Of a number that the recordings do not tell nothing is asked."""
+    said: dict[tuple[str, str], Named] = {(one.effect, one.target): one for one in answer.effects}
+    worst, off = 0.0, []
+    for one in case.effects:
+        for name, true in one["value"].items():
+            value, low, high = said[one["effect"], one["target"]].parameters[name]
+            size = float(np.linalg.norm(true))
+            worst = max(worst, float(np.linalg.norm(np.subtract(value, true))) / (size or 1.0))
+            for number, least, most, right in zip(*(np.atleast_1d(x) for x in (value, low, high, true)), strict=True):
+                if least is not None and most is not None:
+                    half = (most if right > number else least) - number
+                    off.append([one["effect"], 1.96 * float((right - number) / abs(half)) if right != number and half else 0.0])
+    return {"parameter_error": worst, "numbers": len(off), "inside": sum(abs(value) <= 1.96 for _, value in off), "off": off}
+
+
+def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
+    """Of unseen recordings."""
+    rig = read_rig(case.given / "rig.yaml")
+    tests = [read_recording(path, rig) for path in sorted(case.kept.glob("test_*"))]
+    nothing = _error(rig, tests)
+    corrected = _error(read_rig(Path(answer.corrected)), tests) if answer.corrected and Path(answer.corrected).exists() else nothing
+    true = None
+    if not case.is_outside:
+        try:
+            true = _error(rig, tests, rig.joined((), *(_effect(one) for one in case.effects)))
+        except UserError:
+            true = None
+    return {"error": corrected, "nothing": nothing, "true": true}
+
+
+def _effect(one: dict[str, Any]) -> Effect:
+    return effect_from_dict({"effect": one["effect"], "target": one["target"], **one["value"]})
+
+
+def _error(rig: Rig, recordings: Sequence[Recording], effects: Sequence[Effect] = ()) -> float:
+    return float(np.sqrt(np.mean([np.mean((simulate(rig, one, HORIZON, effects).q - one.q) ** 2) for one in recordings])))
+
+
+def _said(pairs: Sequence[tuple[str, str]]) -> str:
+    return " + ".join(f"{effect}:{target}" for effect, target in pairs) or "nothing"

@@ -1,0 +1,129 @@
+"""What all scored cases say together: lines for a terminal, a table of results as Parquet, and a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from jinja2 import Environment, StrictUndefined
+from matplotlib.figure import Figure
+
+from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
+from mpge_bench.files import write_text
+
+#: In the order in which they are told.
+GROUPS = ("nothing", "one effect", "two effects", "three effects", "outside the catalogue")
+_BINS = 5
+
+
+def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """What is measured, and what it came to."""
+    for group in GROUPS:
+        some = [row for row in rows if row["group"] == group]
+        if not some:
+            continue
+        if group == "nothing":
+            yield "nothing hidden: false alarms", _share([not row["right"] for row in some])
+        elif group == "outside the catalogue":
+            yield f"{group}: a false name", _share([bool(row.get("false_name")) for row in some])
+            if asked := [row["formula"] for row in some if row.get("formula") is not None]:
+                yield f"{group}: the right formula, of those that can be said", _share(asked)
+        else:
+            yield f"{group}: effects and places right", _share([row["right"] for row in some])
+            yield f"{group}: the same, answers of several equals counted in parts", f"{np.mean([row['credit'] for row in some]):.0%}"
+    right = [row for row in rows if row.get("parameter_error") is not None]
+    if right:
+        yield "largest error of a parameter, where effects are right", f"{np.median([row['parameter_error'] for row in right]):.1%} (median of {len(right)})"
+        numbers = sum(row["numbers"] for row in right)
+        yield "numbers in their 95% intervals", f"{sum(row['inside'] for row in right)} of {numbers}"
+    errors = np.array([[row["error"] / row["true"], row["nothing"] / row["true"]] for row in rows if row.get("true")])
+    if len(errors):
+        after, before = np.median(errors, axis=0)
+        yield "error on unseen recordings, times the true effects'", f"{after:.3f} (median of {len(errors)}; uncorrected {before:.3g})"
+    yield from ((f"confidence {low:.1f} to {low + 1 / _BINS:.1f}", text) for low, text in _calibration(rows))
+    seconds = [row["seconds"] for row in rows]
+    yield "seconds a case", f"{np.median(seconds):.0f} (median; longest {max(seconds):.0f})"
+
+
+def _share(found: Sequence[bool]) -> str:
+    return f"{sum(found)} of {len(found)} ({np.mean(found):.0%})"
+
+
+def _calibration(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[float, str]]:
+    found = np.array([one for row in rows for one in row["confidences"]], float).reshape(-1, 2)
+    places = np.minimum((_BINS * found[:, 0]).astype(int), _BINS - 1)
+    for place in np.unique(places):
+        some = found[places == place]
+        yield place / _BINS, f"{some[:, 1].sum():.0f} of {len(some)} effects there ({some[:, 1].mean():.0%}; stated {some[:, 0].mean():.0%})"
+
+
+def frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """A row a case; lists as JSON."""
+    return pd.DataFrame([{key: json.dumps(value) if isinstance(value, list) else value for key, value in row.items()} for row in rows])
+
+
+def write(rows: Sequence[dict[str, Any]], title: str, out: Path) -> None:
+    """scores.parquet and index.html in `out`, each at once."""
+    partial = out / ".scores.parquet.partial"
+    frame(rows).to_parquet(partial)
+    partial.replace(out / "scores.parquet")
+    template = resources.files("mpge_bench.concealed").joinpath("score.html.j2").read_text("utf-8")
+    page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(template)
+    with matplotlib.rc_context(STYLE):
+        plots = [_accuracy(rows), _errors(rows)]
+    write_text(out / "index.html", page.render(title=title, lines=list(lines(rows)), rows=rows, plots=[one for one in plots if one]))
+
+
+def _accuracy(rows: Sequence[dict[str, Any]]) -> str | None:
+    """How often it is right, by what is hidden, with 95% intervals (Wilson)."""
+    groups = [group for group in GROUPS if any(row["group"] == group for row in rows)]
+    figure = Figure(figsize=(6.4, 0.5 + 0.5 * len(groups)), layout="constrained")
+    axes = figure.add_subplot()
+    for place, group in enumerate(groups):
+        found = [row["right"] for row in rows if row["group"] == group]
+        low, high = _wilson(sum(found), len(found))
+        axes.barh(place, np.mean(found), color=COLOURS["after"], height=0.6)
+        axes.plot([low, high], [place, place], color="black", linewidth=1)
+        axes.text(1.02, place, f"{sum(found)} of {len(found)}", va="center")
+    axes.set(yticks=range(len(groups)), yticklabels=groups, xlim=(0, 1.0), xlabel="share right (what is named and where), 95% interval")
+    axes.invert_yaxis()
+    return _drawn(figure, "How often the diagnosis is right, by what is hidden.")
+
+
+def _wilson(hits: int, count: int) -> tuple[float, float]:
+    z, share = 1.96, hits / count
+    centre, half = share + z * z / (2 * count), z * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
+    return float((centre - half) / (1 + z * z / count)), float((centre + half) / (1 + z * z / count))
+
+
+def _errors(rows: Sequence[dict[str, Any]]) -> str | None:
+    """Error of the corrected simulator against that of the uncorrected one, both as multiples of the true effects'."""
+    some: npt.NDArray[np.float64] = np.array([[row["nothing"] / row["true"], row["error"] / row["true"]] for row in rows if row.get("true")])
+    if not len(some):
+        return None
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    axes.loglog(some[:, 0], some[:, 1], "o", color=COLOURS["after"], alpha=0.6, markersize=4)
+    ends = np.array([0.9, some.max() * 1.1])
+    axes.plot(ends, ends, color="grey", linewidth=1, label="no better than uncorrected")
+    axes.axhline(1, color="black", linewidth=1, label="the true effects")
+    axes.set(xlabel="uncorrected simulator: error, times the true effects'", ylabel="corrected simulator")
+    axes.legend()
+    return _drawn(figure, "Errors of positions .5 s ahead, on recordings that nobody has looked at; a dot a case.")
+
+
+def _drawn(figure: Figure, text: str) -> str:
+    """An HTML figure."""
+    data = io.BytesIO()
+    figure.savefig(data, format="svg")
+    source = base64.b64encode(data.getvalue()).decode()
+    return f'<figure><img alt="{text}" src="data:image/svg+xml;base64,{source}"><figcaption>{text}</figcaption></figure>'
