@@ -76,11 +76,36 @@ def write(rows: Sequence[dict[str, Any]], title: str, out: Path) -> None:
     partial = out / ".scores.parquet.partial"
     frame(rows).to_parquet(partial)
     partial.replace(out / "scores.parquet")
-    template = resources.files("mpge_bench.concealed").joinpath("score.html.j2").read_text("utf-8")
-    page = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(template)
     with matplotlib.rc_context(STYLE):
         plots = [_accuracy(rows), _errors(rows)]
-    write_text(out / "index.html", page.render(title=title, lines=list(lines(rows)), rows=rows, plots=[one for one in plots if one]))
+    write_text(out / "index.html", page(title, list(lines(rows)), plots, HEADS, [told(row) for row in rows]))
+
+
+#: Of a table of cases.
+HEADS = ("case", "hidden", "found", "verdict", "right", "parameters off by", "error, times the true effects'", "uncorrected", "s")
+
+
+def told(row: dict[str, Any]) -> tuple[str, ...]:
+    """A row of that table."""
+    true, off = row.get("true"), row.get("parameter_error")
+    return (
+        row["case"],
+        row["truth"],
+        row["found"],
+        row["remark"],
+        "yes" if row["right"] else "listed" if row["credit"] else "no",
+        "" if off is None else f"{off:.1%}",
+        f"{row['error'] / true:.3f}" if true else "",
+        f"{row['nothing'] / true:.1f}" if true else "",
+        f"{row['seconds']:.0f}",
+    )
+
+
+def page(title: str, lines: Sequence[tuple[str, str]], plots: Sequence[str | None], heads: Sequence[str], table: Sequence[Sequence[str]]) -> str:
+    """A page that needs nothing else: what it all came to, plots (HTML), and a table."""
+    template = resources.files("mpge_bench.concealed").joinpath("scores.html.j2").read_text("utf-8")
+    found = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(template)
+    return found.render(title=title, lines=lines, plots=[one for one in plots if one], heads=heads, table=table)
 
 
 def _accuracy(rows: Sequence[dict[str, Any]]) -> str | None:
@@ -90,16 +115,17 @@ def _accuracy(rows: Sequence[dict[str, Any]]) -> str | None:
     axes = figure.add_subplot()
     for place, group in enumerate(groups):
         found = [row["right"] for row in rows if row["group"] == group]
-        low, high = _wilson(sum(found), len(found))
+        low, high = wilson(sum(found), len(found))
         axes.barh(place, np.mean(found), color=COLOURS["after"], height=0.6)
         axes.plot([low, high], [place, place], color="black", linewidth=1)
         axes.text(1.02, place, f"{sum(found)} of {len(found)}", va="center")
     axes.set(yticks=range(len(groups)), yticklabels=groups, xlim=(0, 1.0), xlabel="share right (what is named and where), 95% interval")
     axes.invert_yaxis()
-    return _drawn(figure, "How often the diagnosis is right, by what is hidden.")
+    return drawn(figure, "How often the diagnosis is right, by what is hidden.")
 
 
-def _wilson(hits: int, count: int) -> tuple[float, float]:
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """The 95% interval of a share."""
     z, share = 1.96, hits / count
     centre, half = share + z * z / (2 * count), z * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
     return float((centre - half) / (1 + z * z / count)), float((centre + half) / (1 + z * z / count))
@@ -118,10 +144,10 @@ def _errors(rows: Sequence[dict[str, Any]]) -> str | None:
     axes.axhline(1, color="black", linewidth=1, label="the true effects")
     axes.set(xlabel="uncorrected simulator: error, times the true effects'", ylabel="corrected simulator")
     axes.legend()
-    return _drawn(figure, "Errors of positions .5 s ahead, on recordings that nobody has looked at; a dot a case.")
+    return drawn(figure, "Errors of positions .5 s ahead, on recordings that nobody has looked at; a dot a case.")
 
 
-def _drawn(figure: Figure, text: str) -> str:
+def drawn(figure: Figure, text: str) -> str:
     """An HTML figure."""
     data = io.BytesIO()
     figure.savefig(data, format="svg")

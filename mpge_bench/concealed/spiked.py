@@ -1,0 +1,183 @@
+"""What a diagnoser finds of spikes: whether each is named, how large it is said to be, and whether shams get names."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mpge_bench.concealed import spike as spiking
+from mpge_bench.concealed.answer import Answer, Ours, diagnoser
+from mpge_bench.concealed.spike import KINDS, Spike
+from mpge_bench.concealed.summary import drawn, page, wilson
+from mpge_bench.console import ConsoleProgress
+from mpge_bench.diagnosis.data.recording import find_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
+from mpge_bench.files import write_text
+
+
+def prepared(
+    rig_path: Path, patterns: Sequence[str], out: Path, times: Sequence[float], shams: int, seed: int, seconds: float, progress: ConsoleProgress
+) -> list[Spike]:
+    """Diagnose the recordings as they are (OUT/baseline), which tells detectable sizes, and write the spikes, each to a folder of its own.
+
+    Raises:
+        UserError: if rig or recordings cannot be used, or spiked.
+    """
+    rig, paths = read_rig(rig_path), find_recordings(patterns)
+    spiking.possible(rig)
+    baseline = out / "baseline"
+    progress.stage("diagnosing the recordings as they are", 0)
+    if not (baseline / "answer.json").exists():
+        _kept(baseline, rig_path, paths, Ours(), seconds)
+    sizes = {(one["effect"], one["target"]): one["size"] for one in json.loads((baseline / "diagnosis.json").read_text())["detectable"]}
+    found = spiking.spikes(rig, sizes, times, shams, seed)
+    for index, one in enumerate(found):
+        spiking.write(rig, paths, one, out / one.name, seed + index)
+    write_text(out / "spikes.json", json.dumps([asdict(one) for one in found], indent=1))
+    return found
+
+
+def _kept(out: Path, rig: Path, recordings: Sequence[Path], by: Any, seconds: float) -> None:
+    """Diagnose, and keep answer.json in `out`."""
+    out.mkdir(parents=True, exist_ok=True)
+    begun = time.monotonic()
+    answer: Answer = by(rig, recordings, out, seconds)
+    write_text(out / "answer.json", json.dumps({**json.loads(answer.to_json()), "seconds": time.monotonic() - begun}))
+
+
+def _diagnosed(folder: Path, address: str, seconds: float) -> None:
+    _kept(folder, folder / "rig.yaml", sorted(folder.glob("recording_*.parquet")), diagnoser(address), seconds)
+
+
+def diagnosed(spikes: Sequence[Spike], out: Path, address: str, seconds: float, jobs: int, progress: ConsoleProgress) -> None:
+    """Have those spikes diagnosed that are not yet."""
+    missing = [out / one.name for one in spikes if not (out / one.name / "answer.json").exists()]
+    progress.stage("diagnosing spikes", len(missing))
+    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn"), max_tasks_per_child=8) as pool:
+        for done in as_completed([pool.submit(_diagnosed, folder, address, seconds) for folder in missing]):
+            done.result()
+            progress.advance(1)
+
+
+def rows_of(spikes: Sequence[Spike], out: Path) -> list[dict[str, Any]]:
+    """A row a spike: what was injected, whether it is named or listed among equals, and how large it is said to be beyond what the baseline says."""
+    before = _answer(out / "baseline")
+    rows = []
+    for one in spikes:
+        after = _answer(out / one.name)
+        named = {(effect.effect, effect.target) for effect in after.effects}
+        known = {(effect.effect, effect.target) for effect in before.effects}
+        row = asdict(one) | {"named": " + ".join(f"{a}:{b}" for a, b in sorted(named)) or "nothing", "new": sorted(named - known), "remark": after.remark}
+        if one.effect != "sham":
+            listed = any((one.effect, one.target) in map(tuple, answer) for answer in after.equals)
+            size = _beyond(before, after, one)
+            # What the baseline has already has to grow by half of what was injected to be found anew.
+            found = size is not None and (row["new"].count((one.effect, one.target)) > 0 or abs(size) > one.size / 2)
+            row |= {"found": found, "listed": listed and not found, "said": size}
+        rows.append(row)
+    return rows
+
+
+def _answer(folder: Path) -> Answer:
+    data = json.loads((folder / "answer.json").read_text())
+    data.pop("seconds")
+    return Answer.from_json(json.dumps(data))
+
+
+def _beyond(before: Answer, after: Answer, spike: Spike) -> float | None:
+    """How much more of the spike's effect `after` says there is; None if it does not name it."""
+    kind = KINDS[spike.effect]
+    values = []
+    for answer in (after, before):
+        found = [one.parameters[kind.parameter][0] for one in answer.effects if (one.effect, one.target) == (spike.effect, spike.target)]
+        values.append(float(found[0]) if found else kind.neutral)
+        if answer is after and not found:
+            return None
+    return values[0] / values[1] - 1 if kind.neutral else values[0] - values[1]
+
+
+def lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
+    """What is measured, and what it came to."""
+    true = [row for row in rows if row["effect"] != "sham"]
+    for low, high, some in _steps(true):
+        found, listed = sum(row["found"] for row in some), sum(row["listed"] for row in some)
+        also = f", {listed} more listed as indistinguishable from what is named" if listed else ""
+        yield f"{low:g} to {high:g} times the detectable size: found" if low < high else f"{low:g} times the detectable size: found", (
+            f"{found} of {len(some)}{also}"
+        )
+    told = np.array([[row["size"], row["said"]] for row in true if row["found"]]) / np.array([[row["size"] / row["times"]] for row in true if row["found"]])
+    if len(told):
+        slope = float(told[:, 0] @ told[:, 1] / (told[:, 0] @ told[:, 0]))
+        yield "size said against size injected: slope", f"{slope:.3f} ({len(told)} found, in detectable sizes, through the origin)"
+    shams = [row for row in rows if row["effect"] == "sham"]
+    if shams:
+        yield "shams: a name that the baseline has not", f"{sum(bool(row['new']) for row in shams)} of {len(shams)}"
+
+
+def _steps(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, list[Mapping[str, Any]]]]:
+    """Rows in steps of a factor of two of their size in detectable sizes."""
+    places = {round(float(np.log2(row["times"]))) for row in rows}
+    for place in sorted(places):
+        some = [row for row in rows if round(float(np.log2(row["times"]))) == place]
+        yield min(row["times"] for row in some), max(row["times"] for row in some), some
+
+
+def write(rows: Sequence[Mapping[str, Any]], title: str, out: Path) -> None:
+    """spikes.parquet and index.html in `out`, each at once."""
+    partial = out / ".spikes.parquet.partial"
+    pd.DataFrame([{**row, "new": json.dumps(row["new"])} for row in rows]).to_parquet(partial)
+    partial.replace(out / "spikes.parquet")
+    with matplotlib.rc_context(STYLE):
+        plots = [_found(rows), _slope(rows)]
+    heads = ("spike", "target", "times detectable", "injected", "said", "found", "named", "verdict")
+    table = [
+        (row["effect"], row["target"], f"{row['times']:.2g}", f"{row['size']:.4g}", *_outcome(row), row["named"], row["remark"]) for row in rows
+    ]
+    write_text(out / "index.html", page(title, list(lines(rows)), plots, heads, table))
+
+
+def _outcome(row: Mapping[str, Any]) -> tuple[str, str]:
+    if row["effect"] == "sham":
+        return "", "a new name" if row["new"] else "nothing new"
+    return ("" if row["said"] is None else f"{row['said']:.4g}"), "yes" if row["found"] else "listed" if row["listed"] else "no"
+
+
+def _found(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Share found by size, with 95% intervals."""
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for low, high, some in _steps([row for row in rows if row["effect"] != "sham"]):
+        at, hits = float(np.sqrt(low * high)), sum(row["found"] for row in some)
+        axes.plot([at, at], wilson(hits, len(some)), color="black", linewidth=1)
+        axes.plot(at, hits / len(some), "o", color=COLOURS["after"])
+    axes.set(xscale="log", ylim=(0, 1.02), xlabel="size injected, in detectable sizes", ylabel="share found, 95% interval")
+    return drawn(figure, "How often a spike is found, by its size.")
+
+
+def _slope(rows: Sequence[Mapping[str, Any]]) -> str | None:
+    """What is said against what was injected."""
+    some = [row for row in rows if row.get("found")]
+    if not some:
+        return None
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    unit = np.array([row["size"] / row["times"] for row in some])
+    injected, said = np.array([row["size"] for row in some]) / unit, np.array([row["said"] for row in some]) / unit
+    axes.plot(injected, said, "o", color=COLOURS["after"], markersize=4)
+    ends = [0.0, float(injected.max()) * 1.1]
+    axes.plot(ends, ends, color="grey", linewidth=1, label="as injected")
+    axes.set(xlabel="injected, in detectable sizes", ylabel="said")
+    axes.legend()
+    return drawn(figure, "Size that is said, of spikes that were found.")
