@@ -173,9 +173,7 @@ class ChooseSettings:
     half_truth: float = _setting(30.0, "times the best", "a model this far off may still be half of the truth")
     on_the_way: float = _setting(30.0, "times the noise", "a model that misses more is but a step on the way")
     convergences: int = _setting(4, "fits", "of a model about its own fit, at most")
-    near: float = _setting(
-        3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full"
-    )
+    near: float = _setting(3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full")
     converged: float = _setting(0.05, "share", "of what is missed; a fit that gains less is the last")
     settled: float = _setting(0.3, "standard errors", "an answer of which no parameter moves by more when it is fitted anew is fitted to the end")
     settlings: int = _setting(8, "fits", "of the answer about its own fit, at most")
