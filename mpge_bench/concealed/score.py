@@ -27,8 +27,8 @@ from mpge_bench.files import write_text
 
 #: s that errors are predicted ahead.
 HORIZON = 0.5
-#: Laws outside the catalogue that can be said as a formula, and the formula's name.
-FORMULAS = {"cogging": "periodic_torque", "position_friction": "periodic_friction", "one_way_friction": "one_way_friction"}
+#: Laws outside the catalogue that can be said as a formula, and the formula's name; of a parameter that changes with time its effect's.
+FORMULAS = {"cogging": "periodic_torque", "position_friction": "periodic_friction", "one_way_friction": "one_way_friction", "gain_drift": "torque_gain"}
 #: A case passes where effects and places are right or listed, no parameter is further off, and errors are at most so many times those of the true effects.
 CLOSE, NEAR = 0.05, 1.15
 

@@ -197,9 +197,7 @@ class VerdictSettings:
     confused: float = _setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
     surely: float = _setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
     no_evidence: float = _setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
-    interval: float = _setting(
-        2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 287 numbers, as simulators differ by more than steps and chance"
-    )
+    interval: float = _setting(2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 287, as simulators differ by more than steps")
     rivals: int = _setting(8, "models", "are listed with their errors")
     ruled_out: float = _setting(5.0, "log evidence", "odds of 150 to 1 against the model")
     unlikely: float = _setting(3.0, "log evidence", "odds of 20 to 1 against the model")
@@ -208,6 +206,8 @@ class VerdictSettings:
     at_noise: float = _setting(1.3, "times the noise floor", "an error below it is called the noise's")
     regime: float = _setting(1.8, "times the mean", "power of the residual force in a fifth of the rows, from which on it is at home there")
     regime_share: float = _setting(0.2, "share of the rows", "that a regime takes in")
+    constant: float = _setting(0.001, "probability", "times what was looked at, below which a parameter is said to change")
+    changes: float = _setting(0.25, "share of a parameter", "that it changes by at least, to be said to")
     gap: float = _setting(1.5, "row intervals", "a longer one is a gap")
     shown: float = _setting(4.0, "s", "of a held-out recording that are drawn")
     rows: int = _setting(3000, "rows", "of the residual force that are drawn")

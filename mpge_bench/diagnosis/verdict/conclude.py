@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from mpge_bench.diagnosis.choose.choice import Choice
@@ -13,13 +14,14 @@ from mpge_bench.diagnosis.hypotheses.candidates import label
 from mpge_bench.diagnosis.predict.smooth import rebase
 from mpge_bench.diagnosis.verdict.accuracy import accuracy
 from mpge_bench.diagnosis.verdict.confusions import confusions, rivals
+from mpge_bench.diagnosis.verdict.constancy import changes
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.diagnosis.verdict.enough import more_data
 from mpge_bench.diagnosis.verdict.evidence import Evidence
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
-from mpge_bench.diagnosis.verdict.words import chance, checks, summary, time_taken
+from mpge_bench.diagnosis.verdict.words import chance, changing_lines, checks, summary, time_taken
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
 
@@ -30,7 +32,9 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     problem, chosen = choice.problem, choice.chosen
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
-    verdict = verdict_of(choice)
+    changing = changes(problem, chosen)
+    drifts = {(one.effect, one.target): one.law for one in changing if one.drifts}
+    verdict = verdict_of(choice, drifts.keys())
     mismatch = verdict not in ("no_mismatch", "too_little_data")
     more = more_data(choice) if verdict == "too_little_data" else None
     fit, trajectories = accuracy(choice, after, parts.unseen)
@@ -45,12 +49,12 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         verdict,
         choice.test.p_value,
         where if mismatch else (),
-        found_effects(problem.rig, named, curves, confidence),
+        found_effects(problem.rig, named, curves, confidence, drifts),
         others,
         alike,
         fit,
         not choice.cut,
-        (*lines, *taken_back),
+        (*lines, *changing_lines(changing), *taken_back),
         detectable(choice),
         checks(problem),
         _about(choice, parts, clock),
@@ -59,6 +63,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         p_is_bound=choice.test.is_bound,
         untold=lost,
         more_data=more,
+        changes=changing,
     )
     return result, chosen.effects
 
@@ -77,8 +82,12 @@ def proven(choice: Choice, error: ExportedError) -> tuple[Choice, tuple[str, ...
     return replace(choice, chosen=choice.nominal), (line,)
 
 
-def verdict_of(choice: Choice) -> str:
-    """Whether there is a mismatch, as far as so many recordings can tell, and whether named physics explains it."""
+def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> str:
+    """Whether there is a mismatch, as far as so many recordings can tell, and whether named physics explains it.
+
+    Args:
+        drifting: effects, with their targets, that have no name since a parameter of theirs changes with time.
+    """
     settings, chosen = choice.problem.settings, choice.chosen
     if choice.test.p_value >= settings.choose.significance:
         # A test that could not have told a mismatch, or what is missed all the same, says nothing of there being none.
@@ -87,7 +96,7 @@ def verdict_of(choice: Choice) -> str:
     if not chosen.effects and chosen.overall < settings.verdict.explained:
         # Significant perhaps, but no model predicts validation recordings any better, and what is missed is about the noise.
         return "no_mismatch"
-    physics = [effect.named and not effect.is_formula for effect in chosen.effects]
+    physics = [effect.named and not effect.is_formula and (effect.name, effect.target) not in drifting for effect in chosen.effects]
     if not any(physics):
         return "unexplained"
     return "explained" if all(physics) and chosen.typical < settings.verdict.explained else "partly_explained"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -52,9 +52,18 @@ def untold(model: Model) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names[index] for index in group) for group in model.untold)
 
 
-def found_effects(rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float) -> tuple[FoundEffect, ...]:
-    """What is reported of the chosen model: first what has a name; a nameless curve is taken for nothing, and nobody can be sure of it."""
-    found = [FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds), formula=effect.formula) for effect, bounds in named]
+def found_effects(
+    rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float, drifts: Mapping[tuple[str, str], str]
+) -> tuple[FoundEffect, ...]:
+    """What is reported of the chosen model: first what has a name; a nameless curve is taken for nothing, and nobody can be sure of it.
+
+    Args:
+        drifts: parameters over time, as formulas, by the effect's name and target.
+    """
+    found = []
+    for effect, bounds in named:
+        formula = drifts.get((effect.name, effect.target), effect.formula)
+        found.append(FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds), formula=formula))
     for curve in curves:
         signal = curve.unit_of_signal(slide=rig.is_slide(curve.target))
         parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, rig.units(curve.target).force)}

@@ -128,6 +128,39 @@ class Detectable:
 
 
 @dataclass(frozen=True)
+class Change:
+    """A parameter that is not the same throughout.
+
+    Attributes:
+        effect, target, parameter: whose.
+        signal: what it changes with: time, position, direction, speed or load.
+        span: the least and the most of that signal, in its unit.
+        values: of the parameter there.
+        p_value: of as much by chance, times how many were looked at.
+    """
+
+    effect: str
+    target: str
+    parameter: str
+    signal: str
+    span: tuple[float, float]
+    values: tuple[float, float]
+    p_value: float
+
+    @property
+    def drifts(self) -> bool:
+        """Whether it changes with time."""
+        return self.signal == "time"
+
+    @property
+    def law(self) -> str:
+        """The parameter over time, as a formula."""
+        slope = (self.values[1] - self.values[0]) / (self.span[1] - self.span[0])
+        begin = self.values[0] - slope * self.span[0]
+        return f"{self.parameter} = {begin:.4g} {'-' if slope < 0 else '+'} {abs(slope):.3g} t"
+
+
+@dataclass(frozen=True)
 class MoreData:
     """What it takes to tell whether there is a mismatch: windows there are, windows needed, and how much longer the recordings would be, s."""
 
@@ -158,6 +191,7 @@ class DiagnosisResult:
         p_is_bound: whether p is below `p_value`, which is the smallest that was looked for.
         untold: parameters that the recordings do not tell; those of one group are told only together.
         more_data: needed, where there is too little.
+        changes: parameters that are not the same throughout.
     """
 
     verdict: str
@@ -177,16 +211,16 @@ class DiagnosisResult:
     p_is_bound: bool = False
     untold: tuple[tuple[str, ...], ...] = ()
     more_data: MoreData | None = None
+    changes: tuple[Change, ...] = ()
 
     @property
     def explained_by(self) -> str:
         """One of `EXPLANATIONS`: what has least of a name among what was found; what was not modelled at all is explained by nothing."""
-        found = {one.effect for one in self.effects}
-        if any(not CATALOGUE[one].named for one in found):
+        if any(not CATALOGUE[one.effect].named for one in self.effects):
             return "curve"
-        if any(CATALOGUE[one].is_formula for one in found):
+        if any(one.formula for one in self.effects):
             return "formula"
-        return "physics" if found else "nothing"
+        return "physics" if self.effects else "nothing"
 
     def to_json(self) -> dict[str, Any]:
         """Plain data as diagnosis.json holds them: infinities and NaN are null."""
@@ -201,6 +235,7 @@ class DiagnosisResult:
             "more_data": self.more_data and vars(self.more_data),
             "where": [vars(one) for one in self.where],
             "effects": [_effect_to_json(one) for one in self.effects],
+            "changes": [vars(one) for one in self.changes],
             "alternatives": [vars(one) for one in self.alternatives],
             "indistinguishable": [one.models for one in self.indistinguishable],
             "experiments": [one.experiment for one in self.indistinguishable],
@@ -245,6 +280,7 @@ class DiagnosisResult:
             p_is_bound=data.get("p_is_bound", False),
             untold=tuple(tuple(group) for group in data.get("untold") or ()),
             more_data=MoreData(**more) if (more := data.get("more_data")) else None,
+            changes=tuple(Change(**{**one, "span": tuple(one["span"]), "values": tuple(one["values"])}) for one in data.get("changes") or ()),
         )
 
 

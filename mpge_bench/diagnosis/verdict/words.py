@@ -13,7 +13,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.settings import VerdictSettings
 from mpge_bench.diagnosis.verdict.intervals import Intervals
-from mpge_bench.diagnosis.verdict.result import Accuracy, MoreData, Place, Rival
+from mpge_bench.diagnosis.verdict.result import Accuracy, Change, MoreData, Place, Rival
 from mpge_bench.envs.effects import Effect
 
 
@@ -80,6 +80,20 @@ def _said(rig: Rig, effect: Effect, bounds: Intervals) -> str:
     """What `effect` is, and what the rig says in its place."""
     own, slide = rig.own(effect), rig.is_slide(effect.target)
     return effect.say(bounds, slide=slide) if own is None else effect.say_instead(own, bounds, slide=slide)
+
+
+def changing_lines(changes: Sequence[Change]) -> list[str]:
+    """One line a parameter that is not the same throughout."""
+    found = []
+    for one in changes:
+        whose, p = f"{one.effect}:{one.target} is not constant:", f"(p = {one.p_value:.1g})"
+        if one.drifts:
+            found.append(f"{whose} {one.law}, t in s from the beginning of a recording {p}. So it has no name, and corrected.yaml has its mean.")
+        else:
+            low, high = (f"{value:.3g}" for value in one.values)
+            by = f"from the least to the most {one.signal} of its joint {p}: it stands for something that goes by {one.signal}"
+            found.append(f"{whose} {one.parameter} from {low} to {high}, {by}.")
+    return found
 
 
 class Tested(Protocol):
