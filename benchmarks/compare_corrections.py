@@ -2,7 +2,7 @@
 
     python benchmarks/compare_corrections.py FOLDER [--out runs/compare] [--only 'd0*']
 
-FOLDER is as for `concealed.py` (given/, kept/). For each case all methods see the training recordings of given/; the figure is the root mean square error of q,
+FOLDER is as for `mpge_bench concealed score`. For each case all methods see the training recordings of given/; the figure is the root mean square error of q,
 0.5 s ahead from recorded states, on the test recordings of kept/, as a multiple of the error that the true effect gives in the same simulator:
 
 - none: the rig as it is;
@@ -79,7 +79,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("runs/compare"))
     parser.add_argument("--only", default="*")
-    parser.add_argument("--diagnoses", type=Path, help="output folder of concealed.py: its corrected rigs are taken as ours, not made again")
+    parser.add_argument("--diagnoses", type=Path, help="folder of answers of `concealed score`: its corrected rigs are taken as ours, not made again")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     torch.set_num_threads(1)

@@ -1,6 +1,6 @@
 """Do the 95% intervals hold the truth? Concealed cases diagnosed with the names of their effects told, so that only parameters are left to fit.
 
-Takes a folder of cases as `concealed.py` does (`make_concealed.py` makes them), and seconds a case where a search takes many. Written is what a diagnosis
+Takes a folder of cases as `mpge_bench concealed score` does, and seconds a case where a search takes many. Written is what a diagnosis
 writes; cases whose diagnosis is there already are not made again.
 
     python benchmarks/told.py FOLDER [--out runs/told] [--only 'arm2_*']
@@ -15,10 +15,12 @@ import time
 from fnmatch import fnmatch
 from pathlib import Path
 
-from concealed import Case, coverage, deviations
 from rich.console import Console
 from rich.progress import track
 
+from mpge_bench.concealed.answer import answer_of
+from mpge_bench.concealed.score import Truth, cases_of, numbers
+from mpge_bench.concealed.summary import coverage
 from mpge_bench.diagnosis.choose.choice import choose
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -41,31 +43,34 @@ def main() -> None:
     parser.add_argument("--only", default="*", help="cases whose name matches")
     arguments = parser.parse_args()
     console = Console(width=160)
-    given = [path for path in sorted((arguments.folder / "given").iterdir()) if fnmatch(path.name, arguments.only)]
-    cases = [Case(arguments.folder / "kept" / path.name, arguments.out / path.name) for path in given]
-    known = [(path, case) for path, case in zip(given, cases, strict=True) if case.truth and all(one["catalogued"] for one in case.truth)]
-    for path, case in track(known, "fitting", console=console):
-        if not (case.out / "diagnosis.json").exists():
-            fit(path, case)
-        for name, values in deviations(case):
-            console.print(f"{path.name}: {name}, off by {', '.join(f'{value:.2f}' for value in values)} standard errors")
-    for line in coverage([case for _, case in known]):
-        console.print(line)
+    cases = [case for case in cases_of(arguments.folder) if fnmatch(case.given.name, arguments.only) and case.effects and not case.is_outside]
+    off = []
+    for case in track(cases, "fitting", console=console):
+        out = arguments.out / case.given.name
+        if not (out / "diagnosis.json").exists():
+            fit(case, out)
+        answer = answer_of(out)
+        if {(one.effect, one.target) for one in answer.effects} == set(case.pairs):
+            found = numbers(case, answer)["off"]
+            console.print(f"{case.given.name}: off by {', '.join(f'{value:.2f} ({name})' for name, value in found)} standard errors")
+            off += found
+    for name, value in coverage(off):
+        console.print(f"{name}: {value}")
 
 
-def fit(given: Path, case: Case) -> None:
-    """Diagnose `given` with the effects of `case` as the only ones that are looked for."""
-    rig = read_rig(given / "rig.yaml")
+def fit(case: Truth, out: Path) -> None:
+    """Diagnose `case` with its effects as the only ones that are looked for."""
+    given, rig = case.given, read_rig(case.given / "rig.yaml")
     parts = parted(measurements(rig, read_recordings(find_recordings([str(given / "train_*.csv")]), rig, DEFAULT.data), DEFAULT))
     linear = reference(rig, parts.searched.recordings, DEFAULT)
-    told = {f"{one['effect']}:{one['target']}" for one in case.truth}
+    told = {f"{effect}:{target}" for effect, target in case.pairs}
     options = [one for one in candidates(rig, scales(linear)) if one.label in told]
     clock = Clock(time.monotonic(), math.inf)
     with Workers(1) as workers:
         choice = choose(problem(parts.searched, linear, DEFAULT.predict.horizon), options, workers, clock)
         result, _ = conclude(choice, parts, clock)
-    case.out.mkdir(parents=True, exist_ok=True)
-    write_text(case.out / "diagnosis.json", json.dumps(result.to_json(), indent=1))
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / "diagnosis.json", json.dumps(result.to_json(), indent=1))
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ class Answer:
     def from_json(cls, text: str) -> Answer:
         """What `to_json` wrote."""
         data = json.loads(text)
-        data["effects"] = [Named(**one) for one in data["effects"]]
+        data["effects"] = [Named(**{**one, "parameters": {name: tuple(said) for name, said in one["parameters"].items()}}) for one in data["effects"]]
         data["equals"], data["laws"] = [[tuple(one) for one in equal] for equal in data["equals"]], [tuple(one) for one in data["laws"]]
         return cls(**data)
 

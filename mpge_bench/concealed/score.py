@@ -133,7 +133,7 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
     found = [(one.effect, one.target) for one in answer.effects]
     row |= {"found": _said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value}
     row |= _judged(case, answer, found)
-    row |= _numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
+    row |= numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
     row |= _errors(case, answer)
     predicts = row["error"] <= (row["true"] * NEAR if row["true"] else row["nothing"])
     row["passed"] = bool((row["right"] or row["credit"] > 0) and (row.get("parameter_error") or 0.0) <= CLOSE and predicts)
@@ -159,7 +159,7 @@ def _judged(case: Truth, answer: Answer, found: list[tuple[str, str]]) -> dict[s
     return row | {"right": right, "credit": 1.0 if right and len(answers) == 1 else 1 / len(answers) if listed else 0.0}
 
 
-def _numbers(case: Truth, answer: Answer) -> dict[str, Any]:
+def numbers(case: Truth, answer: Answer) -> dict[str, Any]:
     """How far parameters are off, relatively and by their intervals. Of a number that the recordings do not tell nothing is asked."""
     said: dict[tuple[str, str], Named] = {(one.effect, one.target): one for one in answer.effects}
     worst, off = 0.0, []

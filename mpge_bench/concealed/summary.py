@@ -43,8 +43,7 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     right = [row for row in rows if row.get("parameter_error") is not None]
     if right:
         yield "largest error of a parameter, where effects are right", f"{np.median([row['parameter_error'] for row in right]):.1%} (median of {len(right)})"
-        numbers = sum(row["numbers"] for row in right)
-        yield "numbers in their 95% intervals", f"{sum(row['inside'] for row in right)} of {numbers}"
+    yield from coverage([pair for row in rows for pair in row["off"]])
     errors = np.array([[row["error"] / row["true"], row["nothing"] / row["true"]] for row in rows if row.get("true")])
     if len(errors):
         after, before = np.median(errors, axis=0)
@@ -52,6 +51,16 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     yield from ((f"confidence {low:.1f} to {low + 1 / _BINS:.1f}", text) for low, text in _calibration(rows))
     seconds = [row["seconds"] for row in rows]
     yield "seconds a case", f"{np.median(seconds):.0f} (median; longest {max(seconds):.0f})"
+
+
+def coverage(off: Sequence[tuple[str, float]]) -> Iterator[tuple[str, str]]:
+    """How many numbers lie in their 95% intervals, in all and by effect where some do not; from each number's effect and how far it is off (`score`)."""
+    if off:
+        inside = sum(abs(value) <= 1.96 for _, value in off)
+        yield "numbers in their 95% intervals", f"{inside} of {len(off)} ({inside / len(off):.0%})"
+    for name in sorted({name for name, value in off if abs(value) > 1.96}):
+        own = [abs(value) <= 1.96 for effect, value in off if effect == name]
+        yield f"  of {name}", f"{sum(own)} of {len(own)}"
 
 
 def _share(found: Sequence[bool]) -> str:

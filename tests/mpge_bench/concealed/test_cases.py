@@ -1,0 +1,172 @@
+"""Cases: the same from the same seed, sealed, gone on with where they were stopped; and scores of diagnosers that are always right, never, or broken."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
+from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, visible
+from mpge_bench.concealed.mechanism import Rig
+from mpge_bench.concealed.score import Truth, cases_of, score
+from mpge_bench.concealed.summary import lines
+from mpge_bench.envs.effects import CATALOGUE
+from mpge_bench.envs.errors import UserError
+
+pytest.importorskip("mujoco")
+#: Of this seed the first case is two links that swing freely, the upper with air drag.
+SEED = 40
+
+
+def truth(rig: Path) -> list[dict[str, object]]:
+    """What the answer's file says: only a test may look."""
+    path = rig.parents[2] / "kept" / rig.parent.name / "label.yaml"
+    found: list[dict[str, object]] = yaml.safe_load(path.read_text())["effects"]
+    return found
+
+
+class Right:
+    """Knows, and says that gravity would be the same."""
+
+    def __call__(self, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> Answer:
+        assert len(recordings) == 4
+        effects = [Named(one["effect"], one["target"], {k: (v, 0.9 * v, 1.1 * v) for k, v in one["value"].items()}, 0.9) for one in truth(rig)]
+        data = yaml.safe_load(rig.read_text()) | {"robot": str(rig.parent / "robot.urdf"), "effects": [_plain(one) for one in truth(rig)]}
+        (out / "corrected.yaml").write_text(yaml.safe_dump(data))
+        return Answer(True, effects, [[("gravity", "world")]], corrected=str(out / "corrected.yaml"))
+
+
+def _plain(one: dict[str, object]) -> dict[str, object]:
+    return {"effect": one["effect"], "target": one["target"], **one["value"]}
+
+
+class Nothing:
+    """Sees nothing anywhere."""
+
+    def __call__(self, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> Answer:
+        return Answer(False)
+
+
+class Broken:
+    """Fails."""
+
+    def __call__(self, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> Answer:
+        raise ArithmeticError("no answer")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cases")
+
+
+def test_kinds_are_the_catalogue_s_or_outside_of_it() -> None:
+    assert KINDS.keys() <= CATALOGUE.keys()
+    assert not OUTSIDE.keys() & CATALOGUE.keys() - {"one_way_friction"}
+
+
+def test_what_is_drawn_is_to_be_seen_and_no_thing_has_two_of_one_group() -> None:
+    case = drawn(SEED + 2, 0)
+    assert case == drawn(SEED + 2, 0)
+    assert len({(KINDS[one.kind].group, one.target) for one in case.effects}) == len(case.effects) == 2
+    rig = Rig(case, np.random.default_rng(key_of(SEED + 2, case.name)))
+    # Another motion than the one by which it was drawn.
+    assert max(visible(case, rig, one, np.random.default_rng(5)) for one in case.effects) > LEAST_VISIBLE / 2
+
+
+def test_make_writes_cases_once_and_keeps_answers_apart(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
+    code, out, err = in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)
+    assert code == 0, err
+    assert "1 cases made" in out
+    given, kept = folder / "given" / "c0000", folder / "kept" / "c0000"
+    assert {path.name for path in given.iterdir()} == {"rig.yaml", "robot.urdf", *(f"train_{index:02d}.csv" for index in range(4))}
+    assert {path.name for path in kept.iterdir()} == {"label.yaml", "test_00.csv", "test_01.csv"}
+    assert yaml.safe_load((kept / "label.yaml").read_text())["effects"][0]["effect"] == "air_drag"
+    before = {path.name: path.read_bytes() for path in (*given.iterdir(), *kept.iterdir())}
+    assert "0 cases made" in in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)[1]
+    # As one that was stopped before it was done.
+    (kept / "label.yaml").unlink()
+    (given / "train_00.csv").write_text("half")
+    in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)
+    assert {path.name: path.read_bytes() for path in (*given.iterdir(), *kept.iterdir())} == before
+    assert "seed 40" in refused("concealed", "make", "--seed", 1, "--out", folder)
+
+
+def test_score_counts_what_is_said_against_what_is_hidden(
+    folder: Path, tmp_path: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]
+) -> None:
+    def scored(name: str) -> dict[str, object]:
+        out = tmp_path / name
+        code, text, err = in_process("concealed", "score", folder, "--diagnoser", f"{__name__}:{name}", "--out", out, "--jobs", 1, "--json")
+        assert code == 0, err
+        (row,) = json.loads(text)
+        assert len(pd.read_parquet(out / "scores.parquet")) == 1
+        assert "air_drag:upper" in (out / "index.html").read_text()
+        return dict(row)
+
+    right = scored("Right")
+    assert (right["right"], right["credit"], right["passed"]) == (True, 0.5, True)
+    assert (right["parameter_error"], right["inside"], right["numbers"]) == (0.0, 1, 1)
+    assert right["error"] == pytest.approx(right["true"], rel=1e-6)
+    assert right["error"] < right["nothing"] / 1.1
+    nothing = scored("Nothing")
+    assert (nothing["right"], nothing["credit"], nothing["passed"], nothing["found"]) == (False, 0.0, False, "nothing")
+    broken = scored("Broken")
+    assert (broken["found"], broken["remark"]) == ("failed", "ArithmeticError: no answer")
+    assert "no case" in refused("concealed", "score", folder, "--only", "d*")
+    assert "package.module:Class" in refused("concealed", "score", folder, "--diagnoser", "nowhere:Never")
+    assert "concealed make" in refused("concealed", "score", tmp_path / "empty")
+
+
+def case(tmp_path: Path, *effects: dict[str, object]) -> Truth:
+    (tmp_path / "kept").mkdir(exist_ok=True)
+    (tmp_path / "kept" / "label.yaml").write_text(yaml.safe_dump({"effects": list(effects)}))
+    return Truth(tmp_path / "given", tmp_path / "kept")
+
+
+@pytest.mark.parametrize(
+    ("answer", "right", "false_name", "formula"),
+    [
+        (Answer(True, laws=[("periodic_torque", "elbow")], places=["elbow"]), True, False, True),
+        (Answer(True, places=["elbow"]), True, False, False),
+        (Answer(True, [Named("joint_spring", "elbow")], places=["elbow"]), False, True, False),
+        (Answer(False, places=["elbow"]), False, False, False),
+    ],
+)
+def test_what_the_catalogue_does_not_have_is_to_be_located_and_not_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: Answer, right: bool, false_name: bool, formula: bool
+) -> None:
+    monkeypatch.setattr("mpge_bench.concealed.score._errors", lambda case, answer: {"error": 1.0, "nothing": 2.0, "true": None})
+    hidden = case(tmp_path, {"effect": "cogging", "target": "elbow", "catalogued": False, "value": {"torque": 0.2, "teeth": 8.0}})
+    (tmp_path / "answer.json").write_text(answer.to_json()[:-1] + ', "seconds": 2.0}')
+    row = score(hidden, tmp_path)
+    assert (row["right"], row["false_name"], row["formula"]) == (right, false_name, formula)
+    told = dict(lines([row]))
+    assert told["outside the catalogue: a false name"] == f"{int(false_name)} of 1 ({100 * false_name}%)"
+    assert told["outside the catalogue: the right formula, of those that can be said"] == f"{int(formula)} of 1 ({100 * formula}%)"
+
+
+def test_our_own_answers_are_read_from_diagnosis_json(tmp_path: Path) -> None:
+    gain = {"effect": "torque_gain", "target": "elbow", "confidence": 0.5, "parameters": {"gain": {"value": 0.8, "low": 0.7, "high": 0.9}}}
+    law = {"effect": "unknown", "law": "periodic_torque", "target": "shoulder", "confidence": 1.0, "parameters": {}}
+    data = {"verdict": "partly_explained", "p_value": 1e-9, "effects": [gain, law], "where": [{"kind": "joint", "name": "elbow"}]}
+    data["indistinguishable"] = [["torque_gain:elbow", "mass_scale:lower + gravity:world"]]
+    (tmp_path / "diagnosis.json").write_text(json.dumps(data))
+    found = answer_of(tmp_path)
+    assert found.mismatch
+    assert [(one.effect, one.target, one.parameters) for one in found.effects] == [("torque_gain", "elbow", {"gain": (0.8, 0.7, 0.9)})]
+    assert found.laws == [("periodic_torque", "shoulder")]
+    assert found.equals == [[("mass_scale", "lower"), ("gravity", "world")]]
+    assert Answer.from_json(found.to_json()) == found
+
+
+def test_a_diagnoser_is_a_class_without_arguments() -> None:
+    with pytest.raises(UserError, match="takes no arguments"):
+        diagnoser("fractions:nothing")
+    with pytest.raises(UserError, match="has no cases"):
+        cases_of(Path("/nowhere"))
