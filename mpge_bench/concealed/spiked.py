@@ -163,6 +163,7 @@ def _found(rows: Sequence[Mapping[str, Any]]) -> str:
         axes.plot([at, at], wilson(hits, len(some)), color="black", linewidth=1)
         axes.plot(at, hits / len(some), "o", color=COLOURS["after"])
     axes.set(xscale="log", ylim=(0, 1.02), xlabel="size injected, in detectable sizes", ylabel="share found, 95% interval")
+    axes.xaxis.set_major_formatter("{x:g}")
     return drawn(figure, "How often a spike is found, by its size.")
 
 

@@ -147,7 +147,10 @@ def _errors(rows: Sequence[dict[str, Any]]) -> str | None:
         return None
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()
-    axes.loglog(some[:, 0], some[:, 1], "o", color=COLOURS["after"], alpha=0.6, markersize=4)
+    axes.set(xscale="log", yscale="log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+    axes.plot(some[:, 0], some[:, 1], "o", color=COLOURS["after"], alpha=0.6, markersize=4)
     ends = np.array([0.9, some.max() * 1.1])
     axes.plot(ends, ends, color="grey", linewidth=1, label="no better than uncorrected")
     axes.axhline(1, color="black", linewidth=1, label="the true effects")

@@ -110,7 +110,7 @@ def unmask(
         search = Search(parts.fitted, options, workers, clock, replay, progress.advance if progress else lambda steps: None, parts.own)
         test = compared(parts.fitted, parts.own, options, len(search.few), workers, settings)
         answer = search.answer() if test.is_mismatch else search.nothing()
-    result = concluded(parts.whole, parts.unseen, answer, test, settings, clock)
+    result = concluded(parts.whole, parts.fitted, parts.unseen, answer, test, settings, clock)
     return Unmasked(result, answer.chosen.effects if result.effects else ())
 
 

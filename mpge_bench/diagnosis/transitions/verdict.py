@@ -28,11 +28,14 @@ Array = npt.NDArray[np.float64]
 UNIT = "step spreads"
 
 
-def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, test: Comparison, settings: DiagnosisSettings, clock: Clock) -> DiagnosisResult:
+def concluded(
+    replay: Replay, fitted: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, test: Comparison, settings: DiagnosisSettings, clock: Clock
+) -> DiagnosisResult:
     """The verdict on `answer`, with all that it rests on.
 
     Args:
         replay: of all episodes.
+        fitted: of what models were fitted to.
         unseen: which transitions nobody has looked at.
     """
     chosen = answer.chosen
@@ -52,7 +55,7 @@ def concluded(replay: Replay, unseen: npt.NDArray[np.bool_], answer: Answer, tes
     exact = chosen.is_exact(settings.replay)
     verdict = verdict_of(chosen, test, exact)
     fit = _accuracy(replay, before, after, None if exact else test.floor)
-    named = bounded(replay, chosen, answer.rows, settings)
+    named = bounded(fitted, chosen, answer.rows, settings)
     where = _places(replay, answer.nominal) if verdict != "no_mismatch" else ()
     others = rivals(answer, chosen, lambda effects: _size(missed(effects)), settings)
     equals = confused(chosen, answer.equals, settings)
