@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import glob
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ class Recording:
             off: torque 0, or NaN for a target angle.
         q: recorded coordinates, rad or m, of a free base m and a quaternion of length 1, shape (rows, nq) of the rig's layout.
         dq: recorded velocities, shape (rows, nv); NaN in the columns of what was recorded without.
+        beside: other columns that hold numbers throughout, such as a temperature, by name, each of shape (rows,): parameters may change with them.
     """
 
     path: Path
@@ -41,6 +42,7 @@ class Recording:
     u: Array
     q: Array
     dq: Array
+    beside: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:
@@ -48,7 +50,8 @@ class Recording:
 
     def rows(self, chosen: slice) -> Recording:
         """Part of the recording."""
-        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen])
+        beside = {name: values[chosen] for name, values in self.beside.items()}
+        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen], beside)
 
 
 def find_recordings(patterns: Iterable[str]) -> list[Path]:
@@ -94,7 +97,7 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
     place = np.column_stack(q)
     if rig.model.floating:
         place = checked_pose(path, time, place, settings)
-    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq))
+    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq), _beside(table, rig))
 
 
 def _needed(rig: Rig) -> list[str]:
@@ -124,6 +127,13 @@ def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
             raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} is not a finite number; mend or cut this row")
         values[column] = numbers
     return values
+
+
+def _beside(table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
+    """The columns that are no part of the format and hold finite numbers throughout."""
+    known = {*_needed(rig), *rig.columns["dq"], *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq", "enabled") for joint in rig.joints)}
+    found = {str(name): _numbers(table[name]) for name in table.columns if name not in known}
+    return {name: values for name, values in found.items() if np.isfinite(values).all()}
 
 
 def errors(predicted: Recording, recorded: Recording, rig: Rig) -> list[tuple[str, str, float, float]]:

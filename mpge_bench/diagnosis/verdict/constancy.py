@@ -1,4 +1,4 @@
-"""Whether the parameters of the answer stay what they are: which of them changes with time, position, direction, speed or load."""
+"""Whether the parameters of the answer stay what they are: which of them changes with time, position, direction, speed, load, or another column."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 
 def changes(problem: Problem, chosen: Model) -> tuple[Change, ...]:
-    """Parameters of `chosen` that change with a signal of their joint, those of effects on links and the world with time.
+    """Parameters of `chosen` that change with time, a signal of their joint, or what else was recorded in all recordings.
 
     A score test (Nyblom 1989): to first order a parameter that changes in proportion to a signal adds a column to what each window misses, its own derivative
     times the signal's mean over the window. What the model's parameters and the nuisances could explain is taken off it; windows are the independent pieces.
@@ -66,6 +66,10 @@ def _signals(problem: Problem, effect: Effect) -> Mapping[str, tuple[Array, tupl
         state = motion.state[at, rows]
         q, dq = motion.layout.q(state)[..., column], motion.layout.dq(state)[..., column]
         found |= {"position": q, "direction": np.sign(dq), "speed": np.abs(dq), "load": np.abs(problem.linear.delivered[at, rows][..., column])}
+    others = [joint for joint in problem.rig.joints if joint != effect.target]
+    for name in set.intersection(*(set(one.beside) for one in problem.recordings)):
+        if not any(name.endswith(f"_{joint}") for joint in others):
+            found[name] = np.array([problem.recordings[r].beside[name][row * motion.stride] for r, row in zip(at[:, 0], rows, strict=True)])
     means = {name: values.mean(1) for name, values in found.items()}
     return {name: (values, (float(values.min()), float(values.max()))) for name, values in means.items() if np.ptp(values) > 0}
 

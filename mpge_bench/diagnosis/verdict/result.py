@@ -133,7 +133,7 @@ class Change:
 
     Attributes:
         effect, target, parameter: whose.
-        signal: what it changes with: time, position, direction, speed or load.
+        signal: what it changes with: time, position, direction, speed or load of its joint, or a column of the recordings that is no part of the format.
         span: the least and the most of that signal, in its unit.
         values: of the parameter there.
         p_value: of as much by chance, times how many were looked at.

@@ -91,7 +91,7 @@ def changing_lines(changes: Sequence[Change]) -> list[str]:
             found.append(f"{whose} {one.law}, t in s from the beginning of a recording {p}. So it has no name, and corrected.yaml has its mean.")
         else:
             low, high = (f"{value:.3g}" for value in one.values)
-            by = f"from the least to the most {one.signal} of its joint {p}: it stands for something that goes by {one.signal}"
+            by = f"from the least to the most {one.signal} {p}: it stands for something that goes by {one.signal}"
             found.append(f"{whose} {one.parameter} from {low} to {high}, {by}.")
     return found
 
