@@ -324,6 +324,11 @@ class Model:
         for key, more in (("damping", damping), ("friction", friction)):
             dynamics.set(key, repr(float(dynamics.get(key, "0")) + more))
 
+    def effort(self, joint: str) -> float:
+        """The largest torque, N m, that the file says `joint` gets; 0 if it says nothing."""
+        limit = self._joint(joint).find("limit")
+        return 0.0 if limit is None else float(limit.get("effort", "0"))
+
     def forget_efforts(self) -> None:
         """Drop what the file says of the largest torques."""
         for limit in self._root.iter("limit"):

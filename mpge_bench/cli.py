@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import sys
@@ -301,6 +302,42 @@ def _say(lines: Sequence[str], out: Path, files: str) -> None:
     for line in lines:
         _out.print(line, markup=False, soft_wrap=True)
     _out.print(f"Written to {out}: {files}", markup=False, soft_wrap=True)
+
+
+@app.command()
+def excite(
+    rig: Annotated[Path, typer.Option(help="rig.yaml of a mechanism on a fixed base.")],
+    out: Annotated[Path, typer.Option(help="Folder for the commands.")] = Path("excitation"),
+    position: Annotated[float, typer.Option(min=1e-6, help="Furthest that any joint may go from 0, where the motion begins, rad or m.")] = 1.5,
+    speed: Annotated[float, typer.Option(min=1e-6, help="Fastest that any joint may move, rad/s or m/s.")] = 8.0,
+    command: Annotated[float | None, typer.Option(min=1e-6, help="Largest command, N m or N. [default: each joint's effort in the URDF file]")] = None,
+    seconds: Annotated[float, typer.Option(min=2.0, help="Of each recording.")] = 10.0,
+    recordings: Annotated[int, typer.Option(min=1, help="How many.")] = 4,
+    draws: Annotated[int, typer.Option(min=1, help="Motions that are tried.")] = 60,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+) -> None:
+    """Design commands for your robot to play, so that what is recorded tells the effects of the catalogue, and tells them apart.
+
+    Many motions are tried in the simulator, from rest at 0 and within your limits, and those taken together from which the parameters of all effects would
+    be known best. The simulator is not your robot: play them carefully at first. Writes excitation_00.csv and so on (time, u_<joint>), and told.csv.
+
+    Example: python -m mpge_bench excite --rig rig.yaml --position 1.2 --speed 6 --out excitation
+    """
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.excite import designed, limits_of, write
+
+    believed = read_rig(rig)
+    with ConsoleProgress() as progress:
+        commands, told = designed(believed, limits_of(believed, position, speed, command), seconds, recordings, draws, seed, jobs, progress)
+    write(believed, commands, told, out)
+    table = Table("effect", "at", "parameter", "standard error beside the others", "of random motions", box=None)
+    for one in told:
+        error, usual = (f"{value:.3g} {one.unit}".removesuffix(" 1") if math.isfinite(value) else "not told" for value in (one.error, one.usual))
+        table.add_row(one.effect, one.target, one.parameter, error, usual)
+    _out.print(table)
+    _out.print(f"Written to {out}: {len(commands)} recordings' commands (excitation_00.csv and so on), told.csv", soft_wrap=True)
 
 
 @app.command()
