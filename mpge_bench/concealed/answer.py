@@ -47,6 +47,7 @@ class Answer:
         corrected: rig.yaml of the corrected simulator; None if there is none.
         p_value: of there being nothing, if there is one.
         remark: a verdict, for people.
+        complete: whether the time budget cut nothing short.
     """
 
     mismatch: bool
@@ -57,6 +58,7 @@ class Answer:
     corrected: str | None = None
     p_value: float | None = None
     remark: str = ""
+    complete: bool = True
 
     def to_json(self) -> str:
         """Text that `from_json` reads."""
@@ -107,7 +109,7 @@ def answer_of(out: Path) -> Answer:
     laws = [(one["law"], one["target"]) for one in data["effects"] if one.get("law")]
     places = [one["name"] for one in data["where"] if one["kind"] == "joint"]
     mismatch = data["verdict"] not in ("no_mismatch", "too_little_data")
-    return Answer(mismatch, effects, equals, laws, places, str(out / "corrected.yaml"), data["p_value"], data["verdict"])
+    return Answer(mismatch, effects, equals, laws, places, str(out / "corrected.yaml"), data["p_value"], data["verdict"], data["complete"])
 
 
 def _said(parameter: Mapping[str, Any]) -> Said:

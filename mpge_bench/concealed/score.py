@@ -119,7 +119,7 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
     """What came of one case.
 
     Returns:
-        case, group, truth, found, remark, p_value, seconds; `right`: effects and places are exactly so; `credit`: 1 for that, 1/n where it is one of n
+        case, group, truth, found, remark, p_value, complete, seconds; `right`: effects and places exactly so; `credit`: 1 for that, 1/n where it is one of n
         answers that are said to be equals; alarm, false_name and formula (None where it is not asked); parameter_error, the largest relative one; inside
         and numbers, of 95% intervals; off, standard deviations by which each number is off by its interval; confidences, each with whether the effect is
         there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at; passed.
@@ -131,7 +131,7 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         return row | {"found": "failed", "remark": data["failed"], "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
     answer = Answer.from_json(json.dumps(data))
     found = [(one.effect, one.target) for one in answer.effects]
-    row |= {"found": _said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value}
+    row |= {"found": _said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value, "complete": answer.complete}
     row |= _judged(case, answer, found)
     row |= numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
     row |= _errors(case, answer)

@@ -80,6 +80,7 @@ def rows_of(spikes: Sequence[Spike], out: Path) -> list[dict[str, Any]]:
         named = {(effect.effect, effect.target) for effect in after.effects}
         known = {(effect.effect, effect.target) for effect in before.effects}
         row = asdict(one) | {"named": " + ".join(f"{a}:{b}" for a, b in sorted(named)) or "nothing", "new": sorted(named - known), "remark": after.remark}
+        row["complete"] = after.complete
         if one.effect != "sham":
             listed = any((one.effect, one.target) in map(tuple, answer) for answer in after.equals)
             size = _beyond(before, after, one)
@@ -121,6 +122,8 @@ def lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
     if len(told):
         slope = float(told[:, 0] @ told[:, 1] / (told[:, 0] @ told[:, 0]))
         yield "size said against size injected: slope", f"{slope:.3f} ({len(told)} found, in detectable sizes, through the origin)"
+    if short := sum(not row["complete"] for row in rows):
+        yield "cut short by the time budget", f"{short} of {len(rows)} (give more --seconds)"
     shams = [row for row in rows if row["effect"] == "sham"]
     if shams:
         yield "shams: a name that the baseline has not", f"{sum(bool(row['new']) for row in shams)} of {len(shams)}"

@@ -49,6 +49,8 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
         after, before = np.median(errors, axis=0)
         yield "error on unseen recordings, times the true effects'", f"{after:.3f} (median of {len(errors)}; uncorrected {before:.3g})"
     yield from ((f"confidence {low:.1f} to {low + 1 / _BINS:.1f}", text) for low, text in _calibration(rows))
+    if short := sum(row.get("complete") is False for row in rows):
+        yield "cut short by the time budget", f"{short} of {len(rows)}"
     seconds = [row["seconds"] for row in rows]
     yield "seconds a case", f"{np.median(seconds):.0f} (median; longest {max(seconds):.0f})"
 

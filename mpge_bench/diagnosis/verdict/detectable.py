@@ -11,6 +11,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.told import spanned, unit_length
 from mpge_bench.diagnosis.verdict.result import Detectable
 from mpge_bench.envs.effects import Effect
 
@@ -18,9 +19,14 @@ Array = npt.NDArray[np.float64]
 
 
 def detectable(choice: Choice) -> tuple[Detectable, ...]:
-    """Size, beyond what the rig itself says, at which each effect would have been reported: significant among all candidates, and material."""
-    fitter, settings, chosen = choice.fitter, choice.problem.settings.choose, choice.chosen
-    scale = float(np.mean(fitter.residual**2))
+    """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer: significant among all candidates, and material.
+
+    What the answer's own parameters could make up for is not seen.
+    """
+    settings, chosen = choice.problem.settings.choose, choice.chosen
+    fitter = choice.problem.fitter(chosen.effects) if chosen.effects else choice.fitter
+    basis = spanned(unit_length(chosen.fit.jacobian.reshape(chosen.fit.size, chosen.fit.residuals.size)))
+    scale = float(np.mean(chosen.fit.residuals**2))
     beyond = choice.problem.settings.verdict.surely
     significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
     needed = max(significant, settings.material * float(fitter.count.sum())) * max(scale, 1e-9)
@@ -30,13 +36,20 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
         if not math.isfinite(parameter.neutral) or parameter.size != 1 or candidate.label in chosen.key:
             continue
         absent = float(choice.problem.rig.absent(candidate.starts[:1])[0])
-        shares = [_share(fitter, column, chosen.effects, needed) for column in fitter.columns(candidate, chosen.effects)]
+        columns = [_beside(column, basis) for column in fitter.columns(candidate, chosen.effects)]
+        shares = [_share(fitter, column, chosen.effects, needed) for column in columns]
         sizes = [abs(float(getattr(start, name)) - absent) * share for start, share in zip(candidate.starts, shares, strict=True)]
         sizes = [size for size in sizes if size <= parameter.high - absent]
         slide = choice.problem.rig.is_slide(candidate.target)
         if sizes:
             found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))
     return tuple(found)
+
+
+def _beside(column: Array, basis: Array) -> Array:
+    """`column`, shape (windows, rows * channels), without its part along the orthonormal directions `basis`."""
+    flat = column.ravel()
+    return np.asarray((flat - (flat @ basis.T) @ basis).reshape(column.shape))
 
 
 def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], needed: float) -> float:

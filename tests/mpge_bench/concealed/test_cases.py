@@ -154,7 +154,7 @@ def test_what_the_catalogue_does_not_have_is_to_be_located_and_not_named(
 def test_our_own_answers_are_read_from_diagnosis_json(tmp_path: Path) -> None:
     gain = {"effect": "torque_gain", "target": "elbow", "confidence": 0.5, "parameters": {"gain": {"value": 0.8, "low": 0.7, "high": 0.9}}}
     law = {"effect": "unknown", "law": "periodic_torque", "target": "shoulder", "confidence": 1.0, "parameters": {}}
-    data = {"verdict": "partly_explained", "p_value": 1e-9, "effects": [gain, law], "where": [{"kind": "joint", "name": "elbow"}]}
+    data = {"verdict": "partly_explained", "p_value": 1e-9, "complete": True, "effects": [gain, law], "where": [{"kind": "joint", "name": "elbow"}]}
     data["indistinguishable"] = [["torque_gain:elbow", "mass_scale:lower + gravity:world"]]
     (tmp_path / "diagnosis.json").write_text(json.dumps(data))
     found = answer_of(tmp_path)
