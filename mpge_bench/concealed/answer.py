@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import importlib
 import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
 
 #: The address of ours.
 OURS = "mpge_bench.concealed.answer:Ours"
+#: Where an answer is kept.
+ANSWER = "answer.json"
 #: A parameter's value and the ends of its 95% interval, each a number, a vector's numbers, or None where nothing is said.
 Said = tuple[Any, Any, Any]
 
@@ -110,6 +114,24 @@ def answer_of(out: Path) -> Answer:
     places = [one["name"] for one in data["where"] if one["kind"] == "joint"]
     mismatch = data["verdict"] not in ("no_mismatch", "too_little_data")
     return Answer(mismatch, effects, equals, laws, places, str(out / "corrected.yaml"), data["p_value"], data["verdict"], data["complete"])
+
+
+def ask(address: str, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> None:
+    """Have recordings diagnosed by the diagnoser at `address`, and keep what it says, or that it failed, in OUT/answer.json."""
+    out.mkdir(parents=True, exist_ok=True)
+    begun = time.monotonic()
+    try:
+        said = json.loads(diagnoser(address)(rig, recordings, out, seconds).to_json())
+    except Exception as error:  # whatever a user's own code raises
+        said = {"failed": f"{type(error).__name__}: {error}"}
+    write_text(out / ANSWER, json.dumps({"seconds": time.monotonic() - begun, **said}, indent=1))
+
+
+def kept(out: Path) -> tuple[Answer | str, float]:
+    """What `ask` kept in `out`: the answer, or how the diagnoser failed; and the seconds it took."""
+    data = json.loads((out / ANSWER).read_text())
+    seconds = data.pop("seconds")
+    return data["failed"] if "failed" in data else Answer.from_json(json.dumps(data)), seconds
 
 
 def _said(parameter: Mapping[str, Any]) -> Said:

@@ -112,6 +112,7 @@ def spike(
     """
     from mpge_bench.concealed import spiked
     from mpge_bench.concealed.answer import OURS
+    from mpge_bench.concealed.answer import diagnoser as diagnoser_at
     from mpge_bench.console import ConsoleProgress
 
     try:
@@ -120,10 +121,11 @@ def spike(
         sizes = []
     if not sizes or min(sizes) <= 0:
         raise UserError(f"--times {times}: give numbers above 0, with commas between, such as 0.5,1,2,4")
+    diagnoser_at(diagnoser or OURS)
     with ConsoleProgress() as progress:
         found = spiked.prepared(rig, recording, out, sizes, shams, seed, seconds, progress)
-        spiked.diagnosed(found, out, diagnoser or OURS, seconds, jobs, progress)
-    rows = spiked.rows_of(found, out)
+        reference = spiked.diagnosed(found, rig, recording, out, diagnoser or OURS, seconds, jobs, progress)
+    rows = spiked.rows_of(found, out, reference)
     spiked.write(rows, f"Spikes in {rig.resolve().parent.name}, {diagnoser or 'mpge_bench diagnose'}", out)
     for name, value in spiked.lines(rows):
         _out.print(f"{name}: {value}", soft_wrap=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import time
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -16,14 +14,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mpge_bench.concealed.answer import Answer, Named, diagnoser
+from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
-from mpge_bench.files import write_text
 
 #: s that errors are predicted ahead.
 HORIZON = 0.5
@@ -85,22 +82,13 @@ def answered(cases: Sequence[Truth], address: str, out: Path, seconds: float, jo
     A diagnoser that fails has said nothing of the case: answer.json has its error.
     """
     diagnoser(address)
-    missing = [case for case in cases if not (out / case.given.name / "answer.json").exists()]
+    missing = [case for case in cases if not (out / case.given.name / ANSWER).exists()]
     progress.stage("diagnosing", len(missing))
     with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn"), max_tasks_per_child=8) as pool:
-        for done in as_completed([pool.submit(_answer, case, address, out / case.given.name, seconds) for case in missing]):
+        asked = [(address, case.given / "rig.yaml", sorted(case.given.glob("train_*")), out / case.given.name, seconds) for case in missing]
+        for done in as_completed([pool.submit(ask, *one) for one in asked]):
             done.result()
             progress.advance(1)
-
-
-def _answer(case: Truth, address: str, out: Path, seconds: float) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    begun = time.monotonic()
-    try:
-        said = diagnoser(address)(case.given / "rig.yaml", sorted(case.given.glob("train_*")), out, seconds).to_json()
-    except Exception as error:  # whatever a user's own code raises
-        said = json.dumps({"failed": f"{type(error).__name__}: {error}"})
-    write_text(out / "answer.json", json.dumps({"seconds": time.monotonic() - begun, **json.loads(said)}, indent=1))
 
 
 def scored(cases: Sequence[Truth], out: Path, jobs: int, progress: ConsoleProgress) -> list[dict[str, Any]]:
@@ -124,12 +112,10 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         and numbers, of 95% intervals; off, standard deviations by which each number is off by its interval; confidences, each with whether the effect is
         there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at; passed.
     """
-    data = json.loads((out / "answer.json").read_text())
-    seconds = data.pop("seconds")
+    answer, seconds = kept(out)
     row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": _said(case.pairs), "seconds": seconds}
-    if "failed" in data:
-        return row | {"found": "failed", "remark": data["failed"], "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
-    answer = Answer.from_json(json.dumps(data))
+    if isinstance(answer, str):
+        return row | {"found": "failed", "remark": answer, "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
     found = [(one.effect, one.target) for one in answer.effects]
     row |= {"found": _said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value, "complete": answer.complete}
     row |= _judged(case, answer, found)

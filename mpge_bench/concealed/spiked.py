@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -17,13 +16,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from mpge_bench.concealed import spike as spiking
-from mpge_bench.concealed.answer import Answer, Ours, diagnoser
+from mpge_bench.concealed.answer import ANSWER, OURS, Answer, ask, kept
 from mpge_bench.concealed.spike import KINDS, Spike
 from mpge_bench.concealed.summary import drawn, page, wilson
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import find_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
+from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
 
 
@@ -39,8 +39,11 @@ def prepared(
     spiking.possible(rig)
     baseline = out / "baseline"
     progress.stage("diagnosing the recordings as they are", 0)
-    if not (baseline / "answer.json").exists():
-        _kept(baseline, rig_path, paths, Ours(), seconds)
+    if not (baseline / ANSWER).exists():
+        ask(OURS, rig_path, paths, baseline, seconds)
+    said, _ = kept(baseline)
+    if isinstance(said, str):
+        raise UserError(f"{rig_path}: the recordings as they are cannot be diagnosed ({said})")
     sizes = {(one["effect"], one["target"]): one["size"] for one in json.loads((baseline / "diagnosis.json").read_text())["detectable"]}
     found = spiking.spikes(rig, sizes, times, shams, seed)
     for index, one in enumerate(found):
@@ -49,31 +52,29 @@ def prepared(
     return found
 
 
-def _kept(out: Path, rig: Path, recordings: Sequence[Path], by: Any, seconds: float) -> None:
-    """Diagnose, and keep answer.json in `out`."""
-    out.mkdir(parents=True, exist_ok=True)
-    begun = time.monotonic()
-    answer: Answer = by(rig, recordings, out, seconds)
-    write_text(out / "answer.json", json.dumps({**json.loads(answer.to_json()), "seconds": time.monotonic() - begun}))
-
-
-def _diagnosed(folder: Path, address: str, seconds: float) -> None:
-    _kept(folder, folder / "rig.yaml", sorted(folder.glob("recording_*.parquet")), diagnoser(address), seconds)
-
-
-def diagnosed(spikes: Sequence[Spike], out: Path, address: str, seconds: float, jobs: int, progress: ConsoleProgress) -> None:
-    """Have those spikes diagnosed that are not yet."""
-    missing = [out / one.name for one in spikes if not (out / one.name / "answer.json").exists()]
-    progress.stage("diagnosing spikes", len(missing))
-    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn"), max_tasks_per_child=8) as pool:
-        for done in as_completed([pool.submit(_diagnosed, folder, address, seconds) for folder in missing]):
+def diagnosed(
+    spikes: Sequence[Spike], rig: Path, patterns: Sequence[str], out: Path, address: str, seconds: float, jobs: int, progress: ConsoleProgress
+) -> Path:
+    """Have those spikes diagnosed that are not yet, by the diagnoser at `address`, and the recordings as they are; the folder of what it says of these."""
+    before = out / ("baseline" if address == OURS else "as_recorded")
+    asked = [(address, out / one.name / "rig.yaml", sorted((out / one.name).glob("recording_*.parquet")), out / one.name, seconds) for one in spikes]
+    asked.append((address, rig, find_recordings(patterns), before, seconds))
+    asked = [one for one in asked if not (one[3] / ANSWER).exists()]
+    progress.stage("diagnosing spikes", len(asked))
+    with ProcessPoolExecutor(max(1, min(jobs, len(asked))), get_context("spawn"), max_tasks_per_child=8) as pool:
+        for done in as_completed([pool.submit(ask, *one) for one in asked]):
             done.result()
             progress.advance(1)
+    return before
 
 
-def rows_of(spikes: Sequence[Spike], out: Path) -> list[dict[str, Any]]:
-    """A row a spike: what was injected, whether it is named or listed among equals, and how large it is said to be beyond what the baseline says."""
-    before = _answer(out / "baseline")
+def rows_of(spikes: Sequence[Spike], out: Path, reference: Path) -> list[dict[str, Any]]:
+    """A row a spike: what was injected, whether it is named or listed among equals, and how large it is said to be beyond what was said before.
+
+    Args:
+        reference: folder of the answer to the recordings as they are.
+    """
+    before = _answer(reference)
     rows = []
     for one in spikes:
         after = _answer(out / one.name)
@@ -92,9 +93,9 @@ def rows_of(spikes: Sequence[Spike], out: Path) -> list[dict[str, Any]]:
 
 
 def _answer(folder: Path) -> Answer:
-    data = json.loads((folder / "answer.json").read_text())
-    data.pop("seconds")
-    return Answer.from_json(json.dumps(data))
+    """One of a diagnoser that failed says nothing."""
+    found, _ = kept(folder)
+    return Answer(False, remark=found, complete=False) if isinstance(found, str) else found
 
 
 def _beyond(before: Answer, after: Answer, spike: Spike) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from mpge_bench import concealed
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
 from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, visible
 from mpge_bench.concealed.mechanism import Rig
@@ -63,6 +65,15 @@ class Broken:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("cases")
+
+
+@pytest.mark.parametrize("name", ["mechanism", "laws", "recorded", "draw", "make"])
+def test_what_makes_cases_shares_nothing_with_what_diagnoses(name: str) -> None:
+    text = (Path(concealed.__file__).parent / f"{name}.py").read_text()
+    found = {node.module or "" for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)}
+    allowed = ("mpge_bench.concealed.", "mpge_bench.console", "mpge_bench.files", "mpge_bench.envs.errors")
+    assert all(module.startswith(allowed) for module in found if module.startswith("mpge_bench"))
+    assert "pybullet" not in text
 
 
 def test_kinds_are_the_catalogue_s_or_outside_of_it() -> None:

@@ -145,7 +145,7 @@ def test_what_is_found_is_told_apart_from_what_was_there_before(tmp_path: Path) 
     said(tmp_path / given[1].name, Named("viscous_friction", "elbow", {"damping": (0.14, 0.1, 0.2)}))
     said(tmp_path / given[2].name, friction)
     said(tmp_path / given[3].name, friction, Named("lag", "elbow", {"time_constant": (0.1, 0.0, 0.2)}))
-    rows = rows_of(given, tmp_path)
+    rows = rows_of(given, tmp_path, tmp_path / "baseline")
     assert [row["found"] for row in rows[:3]] == [True, True, False]
     assert [round(row["said"], 6) for row in rows[:3]] == [0.05, 0.04, 0.0]
     told = dict(lines(rows))
