@@ -323,3 +323,9 @@ def test_a_browser_draws_it(tmp_path):
         assert (np.abs(pixels - expected).max(-1) < 12).sum() > 200, colour
     # Down to the last section something is drawn.
     assert (pixels[3000:] < 128).all(-1).any()
+
+
+@pytest.mark.parametrize(("verdict", "warned"), [("explained", False), ("partly_explained", True), ("no_mismatch", False)])
+def test_detectable_sizes_are_doubted_where_more_than_noise_is_left(verdict: str, warned: bool) -> None:
+    size = Detectable("viscous_friction", "elbow", "damping", 0.00712, "N m s/rad")
+    assert ("larger effects may hide" in report_html(DiagnosisResult(verdict, 0.001, detectable=(size,)))) is warned
