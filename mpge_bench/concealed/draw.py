@@ -142,10 +142,8 @@ def _effect(case: Case, rig: Rig, kinds: dict[str, Kind], taken: set[tuple[str, 
     """An effect that is to be seen by itself, on something that has none of its group yet; None where these draws made none."""
     name = str(rng.choice(list(kinds)))
     kind = kinds[name]
-    driven = [link.joint for link in rig.links if link.mode != "passive"]
-    places = {"motor": driven, "link": [link.name for link in rig.links], "world": ["world"], "pair": rig.joints[1:]}
-    targets = [one for one in places.get(kind.on, rig.joints) if (kind.group, one) not in taken]
-    if not targets or (name == "inertia_scale" and case.mechanism == "cart"):
+    targets = [one for one in places(name, kind, rig) if (kind.group, one) not in taken]
+    if not targets:
         return None
     target, size = str(rng.choice(targets)), float(np.exp(rng.uniform(math.log(_SMALLEST), 0)))
     values = kind.draw(rng, size)
@@ -159,6 +157,15 @@ def _effect(case: Case, rig: Rig, kinds: dict[str, Kind], taken: set[tuple[str, 
         size = min(1.0, 2 * size)
         values |= kind.draw(rng, size)
     return None
+
+
+def places(name: str, kind: Kind, rig: Rig) -> list[str]:
+    """What an effect of this kind can act on in `rig`."""
+    driven = [link.joint for link in rig.links if link.mode != "passive"]
+    # Where its mass is in a cart does not show, nor has it a side to put a load on.
+    links = [link.name for link in rig.links if link.com.any() or name in ("mass_scale", "external_force")]
+    found = {"motor": driven, "link": links, "world": ["world"], "pair": rig.joints[1:]}
+    return found.get(kind.on, rig.joints)
 
 
 def visible(case: Case, rig: Rig, effect: Effect, rng: np.random.Generator) -> float:

@@ -14,8 +14,8 @@ import yaml
 
 from mpge_bench import concealed
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
-from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, visible
-from mpge_bench.concealed.mechanism import Rig
+from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, places, visible
+from mpge_bench.concealed.mechanism import Case, Rig
 from mpge_bench.concealed.score import Truth, cases_of, score
 from mpge_bench.concealed.summary import lines
 from mpge_bench.envs.effects import CATALOGUE
@@ -88,6 +88,15 @@ def test_what_is_drawn_is_to_be_seen_and_no_thing_has_two_of_one_group() -> None
     rig = Rig(case, np.random.default_rng(key_of(SEED + 2, case.name)))
     # Another motion than the one by which it was drawn.
     assert max(visible(case, rig, one, np.random.default_rng(5)) for one in case.effects) > LEAST_VISIBLE / 2
+
+
+def test_a_cart_has_no_side_to_put_a_load_on() -> None:
+    """One was put there all the same, at no place at all, and MuJoCo refused the case."""
+    rig = Rig(Case("any", "cart", [], []), np.random.default_rng(0))
+    assert places("payload", KINDS["payload"], rig) == ["pole"]
+    assert places("mass_scale", KINDS["mass_scale"], rig) == ["cart", "pole"]
+    assert places("torque_gain", KINDS["torque_gain"], rig) == ["slide"]
+    assert places("coupling_spring", OUTSIDE["coupling_spring"], rig) == ["hinge"]
 
 
 def test_make_writes_cases_once_and_keeps_answers_apart(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
