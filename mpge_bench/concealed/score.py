@@ -84,7 +84,7 @@ def answered(cases: Sequence[Truth], address: str, out: Path, seconds: float, jo
     diagnoser(address)
     missing = [case for case in cases if not (out / case.given.name / ANSWER).exists()]
     progress.stage("diagnosing", len(missing))
-    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn"), max_tasks_per_child=8) as pool:
+    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn")) as pool:
         asked = [(address, case.given / "rig.yaml", sorted(case.given.glob("train_*")), out / case.given.name, seconds) for case in missing]
         for done in as_completed([pool.submit(ask, *one) for one in asked]):
             done.result()

@@ -61,7 +61,7 @@ def diagnosed(
     asked.append((address, rig, find_recordings(patterns), before, seconds))
     asked = [one for one in asked if not (one[3] / ANSWER).exists()]
     progress.stage("diagnosing spikes", len(asked))
-    with ProcessPoolExecutor(max(1, min(jobs, len(asked))), get_context("spawn"), max_tasks_per_child=8) as pool:
+    with ProcessPoolExecutor(max(1, min(jobs, len(asked))), get_context("spawn")) as pool:
         for done in as_completed([pool.submit(ask, *one) for one in asked]):
             done.result()
             progress.advance(1)
