@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 
 import mujoco
@@ -14,6 +12,7 @@ import yaml
 from mpge_bench.concealed.draw import drawn, key_of, missed, visibility
 from mpge_bench.concealed.laws import UNCATALOGUED
 from mpge_bench.concealed.mechanism import GRAVITY, PERIOD, ROWS, SERVO_STEPS, Array, Case, Effect, H, Rig, Values, absolute, urdf
+from mpge_bench.concealed.pool import each_done
 from mpge_bench.concealed.recorded import Commands, Sensors, Truth
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.envs.errors import UserError
@@ -94,10 +93,8 @@ def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsolePro
     write_text(manifest, json.dumps(asked))
     missing = [index for index in range(count) if not (out / "kept" / f"c{index:04d}" / "label.yaml").exists()]
     progress.stage("making cases", len(missing))
-    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(_made, out, seed, index) for index in missing]):
-            done.result()
-            progress.advance(1)
+    for _ in each_done(jobs, _made, [(out, seed, index) for index in missing]):
+        progress.advance(1)
     return len(missing)
 
 

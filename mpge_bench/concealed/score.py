@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cached_property
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ import numpy as np
 import yaml
 
 from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept
+from mpge_bench.concealed.pool import each_done
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
@@ -77,29 +76,25 @@ def cases_of(folder: Path) -> list[Truth]:
 
 
 def answered(cases: Sequence[Truth], address: str, out: Path, seconds: float, jobs: int, progress: ConsoleProgress) -> None:
-    """Have each case diagnosed by the diagnoser at `address`, in processes of its own; OUT/CASE/answer.json is kept, so that work goes on where it stopped.
+    """Have each case diagnosed by the diagnoser at `address`; OUT/CASE/answer.json is kept, so that work goes on where it stopped.
 
     A diagnoser that fails has said nothing of the case: answer.json has its error.
     """
     diagnoser(address)
     missing = [case for case in cases if not (out / case.given.name / ANSWER).exists()]
     progress.stage("diagnosing", len(missing))
-    with ProcessPoolExecutor(max(1, min(jobs, len(missing))), get_context("spawn")) as pool:
-        asked = [(address, case.given / "rig.yaml", sorted(case.given.glob("train_*")), out / case.given.name, seconds) for case in missing]
-        for done in as_completed([pool.submit(ask, *one) for one in asked]):
-            done.result()
-            progress.advance(1)
+    asked = [(address, case.given / "rig.yaml", sorted(case.given.glob("train_*")), out / case.given.name, seconds) for case in missing]
+    for _ in each_done(jobs, ask, asked):
+        progress.advance(1)
 
 
 def scored(cases: Sequence[Truth], out: Path, jobs: int, progress: ConsoleProgress) -> list[dict[str, Any]]:
     """A row a case, in their order; see `score`."""
     progress.stage("scoring", len(cases))
     rows: dict[int, dict[str, Any]] = {}
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        futures = {pool.submit(score, case, out / case.given.name): index for index, case in enumerate(cases)}
-        for done in as_completed(futures):
-            rows[futures[done]] = done.result()
-            progress.advance(1)
+    for place, row in each_done(jobs, score, [(case, out / case.given.name) for case in cases]):
+        rows[place] = row
+        progress.advance(1)
     return [rows[index] for index in range(len(cases))]
 
 

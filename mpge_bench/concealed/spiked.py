@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from matplotlib.figure import Figure
 
 from mpge_bench.concealed import spike as spiking
 from mpge_bench.concealed.answer import ANSWER, OURS, Answer, ask, kept
+from mpge_bench.concealed.pool import each_done
 from mpge_bench.concealed.spike import KINDS, Spike
 from mpge_bench.concealed.summary import drawn, page, wilson
 from mpge_bench.console import ConsoleProgress
@@ -61,10 +60,8 @@ def diagnosed(
     asked.append((address, rig, find_recordings(patterns), before, seconds))
     asked = [one for one in asked if not (one[3] / ANSWER).exists()]
     progress.stage("diagnosing spikes", len(asked))
-    with ProcessPoolExecutor(max(1, min(jobs, len(asked))), get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(ask, *one) for one in asked]):
-            done.result()
-            progress.advance(1)
+    for _ in each_done(jobs, ask, asked):
+        progress.advance(1)
     return before
 
 

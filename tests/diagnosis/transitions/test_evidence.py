@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.diagnosis.transitions.evidence import compared, design_effect, permuted, trust_in
 from mpge_bench.diagnosis.transitions.fit import Rows, description
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
@@ -22,9 +24,16 @@ from mpge_bench.unmask import drawn
 SETTINGS = DEFAULT.replay
 
 
+@functools.cache
 def own(noise: float) -> Replay:
     task = get_task("heavy_hopper")
     return Replay(task.robot, drawn(task, 200, noise, 1)[1], SETTINGS.settle, SETTINGS.worst)
+
+
+@functools.cache
+def thousand() -> Episodes:
+    """Transitions of a hopper's target."""
+    return drawn(get_task("heavy_hopper"), 1000, 0.0, 1)[0]
 
 
 def test_without_noise_all_is_put_right() -> None:
@@ -64,7 +73,7 @@ def test_a_contact_that_comes_a_step_sooner_once_is_no_mismatch(off: int, differ
             return np.where(rows[:, None] < off, 0.01, 1e-14) * np.ones(self.entries)
 
     exact = own(0.0)
-    found = Pieces(exact.robot, drawn(get_task("heavy_hopper"), 1000, 0.0, 1)[0], SETTINGS.settle, SETTINGS.worst)
+    found = Pieces(exact.robot, thousand(), SETTINGS.settle, SETTINGS.worst)
     with Workers(1) as workers:
         said = compared(found, exact, [], 10, workers, DEFAULT)
     assert said.is_mismatch is differs
