@@ -39,6 +39,7 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
                 yield f"{group}: the right formula, of those that can be said", _share(asked)
         else:
             yield f"{group}: effects and places right", _share([row["right"] for row in some])
+            yield f"{group}: right, or listed among its equals", _share([row["credit"] > 0 for row in some])
             yield f"{group}: the same, answers of several equals counted in parts", f"{np.mean([row['credit'] for row in some]):.0%}"
     right = [row for row in rows if row.get("parameter_error") is not None]
     if right:
