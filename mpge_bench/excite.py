@@ -210,8 +210,7 @@ def _seen(rig: Rig, recording: Recording) -> Seen:
     fitter = problem(measured, linear, DEFAULT.predict.horizon).fitter()
     columns, sizes, effects = [], [], []
     for one in candidates(rig, scales(linear)):
-        first = next(iter(one.kind.parameters.values()))
-        if not math.isfinite(first.neutral) or first.size != 1:
+        if not one.measure:
             continue
         changed = fitter.clear(fitter.columns(one))
         best = int(np.argmax((changed**2).sum((1, 2))))

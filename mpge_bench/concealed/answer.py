@@ -64,6 +64,11 @@ class Answer:
     remark: str = ""
     complete: bool = True
 
+    @property
+    def pairs(self) -> list[tuple[str, str]]:
+        """(effect, target) of its effects."""
+        return [(one.effect, one.target) for one in self.effects]
+
     def to_json(self) -> str:
         """Text that `from_json` reads."""
         return json.dumps(asdict(self), indent=1)
@@ -136,6 +141,11 @@ def kept(out: Path) -> tuple[Answer | str, float]:
 
 def _said(parameter: Mapping[str, Any]) -> Said:
     return parameter["value"], parameter.get("low"), parameter.get("high")
+
+
+def said(pairs: Sequence[tuple[str, str]]) -> str:
+    """(effect, target) for people; `_pair` reads each."""
+    return " + ".join(f"{effect}:{target}" for effect, target in pairs) or "nothing"
 
 
 def _pair(label: str) -> tuple[str, str]:

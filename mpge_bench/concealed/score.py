@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept
+from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept, said
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
@@ -108,16 +109,16 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at; passed.
     """
     answer, seconds = kept(out)
-    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": _said(case.pairs), "seconds": seconds}
+    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": said(case.pairs), "seconds": seconds}
     if isinstance(answer, str):
         return row | {"found": "failed", "remark": answer, "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
-    found = [(one.effect, one.target) for one in answer.effects]
-    row |= {"found": _said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value, "complete": answer.complete}
+    found = answer.pairs
+    row |= {"found": said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value, "complete": answer.complete}
     row |= _judged(case, answer, found)
     row |= numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
     row |= _errors(case, answer)
     predicts = row["error"] <= (row["true"] * NEAR if row["true"] else row["nothing"])
-    row["passed"] = bool((row["right"] or row["credit"] > 0) and (row.get("parameter_error") or 0.0) <= CLOSE and predicts)
+    row["passed"] = bool(row["credit"] > 0 and (row.get("parameter_error") or 0.0) <= CLOSE and predicts)
     return row
 
 
@@ -142,11 +143,11 @@ def _judged(case: Truth, answer: Answer, found: list[tuple[str, str]]) -> dict[s
 
 def numbers(case: Truth, answer: Answer) -> dict[str, Any]:
     """How far parameters are off, relatively and by their intervals. Of a number that the recordings do not tell nothing is asked."""
-    said: dict[tuple[str, str], Named] = {(one.effect, one.target): one for one in answer.effects}
+    named: dict[tuple[str, str], Named] = {(one.effect, one.target): one for one in answer.effects}
     worst, off = 0.0, []
     for one in case.effects:
         for name, true in one["value"].items():
-            value, low, high = said[one["effect"], one["target"]].parameters[name]
+            value, low, high = named[one["effect"], one["target"]].parameters[name]
             size = float(np.linalg.norm(true))
             worst = max(worst, float(np.linalg.norm(np.subtract(value, true))) / (size or 1.0))
             for number, least, most, right in zip(*(np.atleast_1d(x) for x in (value, low, high, true)), strict=True):
@@ -164,10 +165,9 @@ def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
     corrected = _error(read_rig(Path(answer.corrected)), tests) if answer.corrected and Path(answer.corrected).exists() else nothing
     true = None
     if not case.is_outside:
-        try:
+        # What our simulator cannot carry has no error.
+        with suppress(UserError):
             true = _error(rig, tests, rig.joined((), *(_effect(one) for one in case.effects)))
-        except UserError:
-            true = None
     return {"error": corrected, "nothing": nothing, "true": true}
 
 
@@ -177,7 +177,3 @@ def _effect(one: dict[str, Any]) -> Effect:
 
 def _error(rig: Rig, recordings: Sequence[Recording], effects: Sequence[Effect] = ()) -> float:
     return float(np.sqrt(np.mean([np.mean((simulate(rig, one, HORIZON, effects).q - one.q) ** 2) for one in recordings])))
-
-
-def _said(pairs: Sequence[tuple[str, str]]) -> str:
-    return " + ".join(f"{effect}:{target}" for effect, target in pairs) or "nothing"

@@ -10,16 +10,15 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from mpge_bench.concealed import spike as spiking
-from mpge_bench.concealed.answer import ANSWER, OURS, Answer, ask, kept
+from mpge_bench.concealed.answer import ANSWER, OURS, Answer, ask, kept, said
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.concealed.spike import KINDS, Spike
-from mpge_bench.concealed.summary import drawn, page, wilson
+from mpge_bench.concealed.summary import drawn, frame, page, wilson
 from mpge_bench.console import ConsoleProgress
-from mpge_bench.diagnosis.data.recording import find_recordings
+from mpge_bench.diagnosis.data.recording import find_recordings, write_table
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
 from mpge_bench.envs.errors import UserError
@@ -40,14 +39,13 @@ def prepared(
     progress.stage("diagnosing the recordings as they are", 0)
     if not (baseline / ANSWER).exists():
         ask(OURS, rig_path, paths, baseline, seconds)
-    said, _ = kept(baseline)
-    if isinstance(said, str):
-        raise UserError(f"{rig_path}: the recordings as they are cannot be diagnosed ({said})")
+    answer, _ = kept(baseline)
+    if isinstance(answer, str):
+        raise UserError(f"{rig_path}: the recordings as they are cannot be diagnosed ({answer})")
     sizes = {(one["effect"], one["target"]): one["size"] for one in json.loads((baseline / "diagnosis.json").read_text())["detectable"]}
     found = spiking.spikes(rig, sizes, times, shams, seed)
     for index, one in enumerate(found):
         spiking.write(rig, paths, one, out / one.name, seed + index)
-    write_text(out / "spikes.json", json.dumps([asdict(one) for one in found], indent=1))
     return found
 
 
@@ -72,18 +70,17 @@ def rows_of(spikes: Sequence[Spike], out: Path, reference: Path) -> list[dict[st
         reference: folder of the answer to the recordings as they are.
     """
     before = _answer(reference)
+    known = set(before.pairs)
     rows = []
     for one in spikes:
         after = _answer(out / one.name)
-        named = {(effect.effect, effect.target) for effect in after.effects}
-        known = {(effect.effect, effect.target) for effect in before.effects}
-        row = asdict(one) | {"named": " + ".join(f"{a}:{b}" for a, b in sorted(named)) or "nothing", "new": sorted(named - known), "remark": after.remark}
-        row["complete"] = after.complete
+        named, new = sorted(set(after.pairs)), set(after.pairs) - known
+        row = asdict(one) | {"named": said(named), "new": sorted(new), "remark": after.remark, "complete": after.complete}
         if one.effect != "sham":
             listed = any((one.effect, one.target) in map(tuple, answer) for answer in after.equals)
             size = _beyond(before, after, one)
             # What the baseline has already has to grow by half of what was injected to be found anew.
-            found = size is not None and (row["new"].count((one.effect, one.target)) > 0 or abs(size) > one.size / 2)
+            found = size is not None and ((one.effect, one.target) in new or abs(size) > one.size / 2)
             row |= {"found": found, "listed": listed and not found, "said": size}
         rows.append(row)
     return rows
@@ -137,9 +134,7 @@ def _steps(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[float, float, li
 
 def write(rows: Sequence[Mapping[str, Any]], title: str, out: Path) -> None:
     """spikes.parquet and index.html in `out`, each at once."""
-    partial = out / ".spikes.parquet.partial"
-    pd.DataFrame([{**row, "new": json.dumps(row["new"])} for row in rows]).to_parquet(partial)
-    partial.replace(out / "spikes.parquet")
+    write_table(frame(rows), out / "spikes.parquet")
     with matplotlib.rc_context(STYLE):
         plots = [_found(rows), _slope(rows)]
     heads = ("spike", "target", "times detectable", "injected", "said", "found", "named", "verdict")
@@ -176,8 +171,8 @@ def _slope(rows: Sequence[Mapping[str, Any]]) -> str | None:
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()
     unit = np.array([row["size"] / row["times"] for row in some])
-    injected, said = np.array([row["size"] for row in some]) / unit, np.array([row["said"] for row in some]) / unit
-    axes.plot(injected, said, "o", color=COLOURS["after"], markersize=4)
+    injected, found = np.array([row["size"] for row in some]) / unit, np.array([row["said"] for row in some]) / unit
+    axes.plot(injected, found, "o", color=COLOURS["after"], markersize=4)
     ends = [0.0, float(injected.max()) * 1.1]
     axes.plot(ends, ends, color="grey", linewidth=1, label="as injected")
     axes.set(xlabel="injected, in detectable sizes", ylabel="said")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,9 @@ import numpy.typing as npt
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
+from scipy import stats
 
+from mpge_bench.diagnosis.data.recording import write_table
 from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
 from mpge_bench.files import write_text
 
@@ -45,9 +47,9 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     if right:
         yield "largest error of a parameter, where effects are right", f"{np.median([row['parameter_error'] for row in right]):.1%} (median of {len(right)})"
     yield from coverage([pair for row in rows for pair in row["off"]])
-    errors = np.array([[row["error"] / row["true"], row["nothing"] / row["true"]] for row in rows if row.get("true")])
+    errors = _relative(rows)
     if len(errors):
-        after, before = np.median(errors, axis=0)
+        before, after = np.median(errors, axis=0)
         yield "error on unseen recordings, times the true effects'", f"{after:.3f} (median of {len(errors)}; uncorrected {before:.3g})"
     yield from ((f"confidence {low:.1f} to {low + 1 / _BINS:.1f}", text) for low, text in _calibration(rows))
     if short := sum(row.get("complete") is False for row in rows):
@@ -66,6 +68,11 @@ def coverage(off: Sequence[tuple[str, float]]) -> Iterator[tuple[str, str]]:
         yield f"  of {name}", f"{sum(own)} of {len(own)}"
 
 
+def _relative(rows: Sequence[dict[str, Any]]) -> npt.NDArray[np.float64]:
+    """Errors of the uncorrected and of the corrected simulator as multiples of the true effects', where these are known, shape (cases, 2)."""
+    return np.array([[row["nothing"] / row["true"], row["error"] / row["true"]] for row in rows if row.get("true")])
+
+
 def _share(found: Sequence[bool]) -> str:
     return f"{sum(found)} of {len(found)} ({np.mean(found):.0%})"
 
@@ -78,16 +85,14 @@ def _calibration(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[float, str]]:
         yield place / _BINS, f"{some[:, 1].sum():.0f} of {len(some)} effects there ({some[:, 1].mean():.0%}; stated {some[:, 0].mean():.0%})"
 
 
-def frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+def frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """A row a case; lists as JSON."""
     return pd.DataFrame([{key: json.dumps(value) if isinstance(value, list) else value for key, value in row.items()} for row in rows])
 
 
 def write(rows: Sequence[dict[str, Any]], title: str, out: Path) -> None:
     """scores.parquet and index.html in `out`, each at once."""
-    partial = out / ".scores.parquet.partial"
-    frame(rows).to_parquet(partial)
-    partial.replace(out / "scores.parquet")
+    write_table(frame(rows), out / "scores.parquet")
     with matplotlib.rc_context(STYLE):
         plots = [_accuracy(rows), _errors(rows)]
     write_text(out / "index.html", page(title, list(lines(rows)), plots, HEADS, [told(row) for row in rows]))
@@ -138,14 +143,13 @@ def _accuracy(rows: Sequence[dict[str, Any]]) -> str | None:
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
     """The 95% interval of a share."""
-    z, share = 1.96, hits / count
-    centre, half = share + z * z / (2 * count), z * np.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
-    return float((centre - half) / (1 + z * z / count)), float((centre + half) / (1 + z * z / count))
+    found = stats.binomtest(hits, count).proportion_ci(method="wilson")
+    return float(found.low), float(found.high)
 
 
 def _errors(rows: Sequence[dict[str, Any]]) -> str | None:
     """Error of the corrected simulator against that of the uncorrected one, both as multiples of the true effects'."""
-    some: npt.NDArray[np.float64] = np.array([[row["nothing"] / row["true"], row["error"] / row["true"]] for row in rows if row.get("true")])
+    some = _relative(rows)
     if not len(some):
         return None
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")

@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import drafted
-from mpge_bench.diagnosis.fit.told import spanned, unit_length
+from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
@@ -84,7 +84,7 @@ def _look(problem: Problem, fitter: LinearFitter, model: Model, candidate: Candi
     left, columns = fitter.weighted(model.fit.residuals, cost), fitter.weighted(fitter.columns(candidate, model.effects), cost)
     # What other parameters of the model, or nuisances, could explain is no formula's gain.
     basis = spanned(unit_length(np.concatenate((fitter.weighted(fitter.free, cost), fitter.weighted(model.fit.jacobian, cost)))))
-    left, columns = left - (left @ basis.T) @ basis, columns - (columns @ basis.T) @ basis
+    left, columns = without(left, basis), without(columns, basis)
     power = np.maximum((columns**2).sum(1), 1e-12)
     along = columns @ left
     # A law's size is no less than none: what points the other way is another start, with another phase.

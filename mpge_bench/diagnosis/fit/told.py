@@ -26,6 +26,11 @@ def spanned(columns: Array) -> Array:
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T @ columns)
 
 
+def without(columns: Array, basis: Array) -> Array:
+    """`columns`, shape (..., readings), without their part along orthonormal directions `basis`, shape (directions, readings), as `spanned` gives them."""
+    return np.asarray(columns - (columns @ basis.T) @ basis)
+
+
 @dataclass(frozen=True)
 class Directions:
     """Orthogonal directions of parameters, each in units in which it moves the prediction by one standard deviation of the noise.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -37,6 +38,12 @@ class Candidate:
     @property
     def kind(self) -> type[Effect]:
         return type(self.starts[0])
+
+    @property
+    def measure(self) -> str:
+        """The parameter that says how much of it there is: its first, if that is a single number and there can be nothing of it; else empty."""
+        name, parameter = next(iter(self.kind.parameters.items()))
+        return name if math.isfinite(parameter.neutral) and parameter.size == 1 else ""
 
     def contains(self, effect: Effect) -> bool:
         """Whether it is a richer form of `effect`, which can do all that that does."""

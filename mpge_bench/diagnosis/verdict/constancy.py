@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.verdict.result import Change
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of
@@ -27,10 +29,13 @@ def changes(problem: Problem, chosen: Model) -> tuple[Change, ...]:
     settings, columns = problem.settings.verdict, _columns(problem, chosen)
     signals = {effect: _signals(problem, effect) for effect in chosen.effects}
     looked = sum(len(signals[effect]) for effect, *_ in columns)
+    if not looked:
+        return ()
+    left = _left(problem, chosen)
     found: dict[tuple[str, str], Change] = {}
     for effect, name, value, absent, index in columns:
         for signal, (at, span) in signals[effect].items():
-            slope, p = _slope(problem, chosen, index, at)
+            slope, p = _slope(left, index, at)
             ends = (value + slope * (span[0] - at.mean()), value + slope * (span[1] - at.mean()))
             one = Change(effect.name, effect.target, name, signal, span, ends, min(1.0, p * looked))
             best = found.get((effect.name, effect.target))
@@ -74,17 +79,36 @@ def _signals(problem: Problem, effect: Effect) -> Mapping[str, tuple[Array, tupl
     return {name: (values, (float(values.min()), float(values.max()))) for name, values in means.items() if np.ptp(values) > 0}
 
 
-def _slope(problem: Problem, chosen: Model, index: int, at: Array) -> tuple[float, float]:
-    """By how much parameter number `index` changes with the signal `at`, shape (windows,), and p of as much by chance."""
+@dataclass(frozen=True)
+class _Left:
+    """What `chosen` leaves in weighted windows, and what its parameters and the nuisances could explain of anything else.
+
+    Attributes:
+        jacobian: derivatives by its parameters, shape (parameters, windows, readings).
+        residuals: shape (windows, readings).
+        basis: orthonormal directions of what is explained, shape (directions, windows * readings).
+        unknowns: how many parameters and nuisances there are.
+    """
+
+    jacobian: Array
+    residuals: Array
+    basis: Array
+    unknowns: int
+
+
+def _left(problem: Problem, chosen: Model) -> _Left:
     fit, fitter = chosen.fit, problem.fitter(chosen.effects)
     weights = fitter.weights(fit.cost)
-    known = np.concatenate((fit.jacobian, fitter.free)) * weights
-    column, left = fit.jacobian[index] * (at - at.mean())[:, None] * weights, fit.residuals * weights
-    flat = known.reshape(len(known), -1)
-    share = np.linalg.lstsq(flat.T, column.ravel(), rcond=1e-10)[0]
-    column = column - np.tensordot(share, known, 1)
-    power, scores = float((column**2).sum()), (column * left).sum(1)
+    known = (np.concatenate((fit.jacobian, fitter.free)) * weights).reshape(-1, fit.residuals.size)
+    return _Left(fit.jacobian * weights, fit.residuals * weights, spanned(unit_length(known)), len(known))
+
+
+def _slope(left: _Left, index: int, at: Array) -> tuple[float, float]:
+    """By how much parameter number `index` changes with the signal `at`, shape (windows,), and p of as much by chance."""
+    column = left.jacobian[index] * (at - at.mean())[:, None]
+    column = without(column.ravel(), left.basis).reshape(column.shape)
+    power, scores = float((column**2).sum()), (column * left.residuals).sum(1)
     spread = float(np.sqrt((scores**2).sum()))
     if power <= 0 or spread <= 0:
         return 0.0, 1.0
-    return float(scores.sum()) / power, float(2 * stats.t.sf(abs(scores.sum()) / spread, max(1, len(at) - len(known))))
+    return float(scores.sum()) / power, float(2 * stats.t.sf(abs(scores.sum()) / spread, max(1, len(at) - left.unknowns)))

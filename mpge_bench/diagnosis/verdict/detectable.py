@@ -11,7 +11,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.fit.linear import LinearFitter
-from mpge_bench.diagnosis.fit.told import spanned, unit_length
+from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.verdict.result import Detectable
 from mpge_bench.envs.effects import Effect
 
@@ -32,24 +32,20 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
     needed = max(significant, settings.material * float(fitter.count.sum())) * max(scale, 1e-9)
     found = []
     for candidate in choice.candidates:
-        name, parameter = next(iter(candidate.kind.parameters.items()))
-        if not math.isfinite(parameter.neutral) or parameter.size != 1 or candidate.label in chosen.key:
+        name = candidate.measure
+        if not name or candidate.label in chosen.key:
             continue
+        parameter = candidate.kind.parameters[name]
         absent = float(choice.problem.rig.absent(candidate.starts[:1])[0])
-        columns = [_beside(column, basis) for column in fitter.columns(candidate, chosen.effects)]
-        shares = [_share(fitter, column, chosen.effects, needed) for column in columns]
+        columns = fitter.columns(candidate, chosen.effects)
+        beside = without(columns.reshape(len(columns), -1), basis).reshape(columns.shape)
+        shares = [_share(fitter, column, chosen.effects, needed) for column in beside]
         sizes = [abs(float(getattr(start, name)) - absent) * share for start, share in zip(candidate.starts, shares, strict=True)]
         sizes = [size for size in sizes if size <= parameter.high - absent]
         slide = choice.problem.rig.is_slide(candidate.target)
         if sizes:
             found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))
     return tuple(found)
-
-
-def _beside(column: Array, basis: Array) -> Array:
-    """`column`, shape (windows, rows * channels), without its part along the orthonormal directions `basis`."""
-    flat = column.ravel()
-    return np.asarray((flat - (flat @ basis.T) @ basis).reshape(column.shape))
 
 
 def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], needed: float) -> float:

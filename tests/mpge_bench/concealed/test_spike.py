@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,10 @@ from mpge_bench.concealed.spiked import lines, rows_of
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.errors import UserError
+from tests.diagnosis.conftest import ARM
 
-URDF = """<robot name="arm">
-<link name="base"/>
-<link name="upper"><inertial><origin xyz="0.02 0 -0.2"/><mass value="1.5"/>
-<inertia ixx="0.03" iyy="0.03" izz="0.005" ixy="0" ixz="0.001" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0 0 -0.15"/><mass value="0.8"/>
-<inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
-<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/></joint>
-</robot>"""
+#: Without damping of its own: a spike of friction is all there is.
+URDF = re.sub(r"<dynamics[^>]*/>", "", ARM)
 #: Beyond what changes nothing.
 SIZES = {"torque_gain": 0.3, "torque_bias": 0.2, "dead_zone": 0.1, "delay": 0.03, "joint_spring": 2.0, "viscous_friction": 0.3}
 SIZES |= {"sensor_bias": 0.1, "sensor_scale": 0.1, "sensor_delay": 0.02, "mass_scale": 0.3, "inertia_scale": 0.5}
