@@ -165,6 +165,7 @@ class ChooseSettings:
     beam: int = _setting(3, "models", "are followed up in each round")
     most: int = _setting(6, "effects", "of a model, at most")
     tried: tuple[int, int, int] = _setting((12, 8, 5), "candidates", "fitted in the first round; later beside the best model; beside the others")
+    pairs: int = _setting(12, "pairs", "of effects, of which no single one comes near the noise, are fitted: those that promise most together")
     polished: int = _setting(4, "models", "of a round are polished")
     hopeless: tuple[float, float] = _setting((10.0, 4.0), "times the best", "drafts that miss more are not polished: first round; later, or beside all joints")
     reached: float = _setting(0.02, "share", "where a draft misses so much less than a model, models further behind are not followed up")

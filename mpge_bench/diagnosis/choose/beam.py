@@ -9,6 +9,7 @@ import numpy as np
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.formulas import lone_formula
+from mpge_bench.diagnosis.choose.pairs import pairs
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -42,6 +43,7 @@ def grow(trials: Trials, screening: Screening) -> None:
             if lone_formula(trials):
                 break
             together = everywhere(trials)
+            drafts = sorted(drafts + pairs(trials), key=lambda one: one.overall)
         grown = _polished(trials, drafts, depth, [together] if together else [])
         if not grown:
             break

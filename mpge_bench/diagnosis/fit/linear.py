@@ -225,8 +225,11 @@ class LinearFitter:
         else:
             # What it changes is in proportion to its size, so that each start is as good as at its best size.
             columns = self.clear(self.columns(candidate, effects))[:, self.train].reshape(len(starts), -1)
-            left = self.residuals(effects)[self.train].ravel()
-            order = np.argsort(-((columns @ left) ** 2) / np.maximum((columns**2).sum(1), 1e-12), kind="stable")[:1]
+            along = columns @ self.residuals(effects)[self.train].ravel()
+            if candidate.kind.is_one_sided():
+                # None of it is less than none: what would have to be is the wrong place for it.
+                along = np.maximum(along, 0.0)
+            order = np.argsort(-(along**2) / np.maximum((columns**2).sum(1), 1e-12), kind="stable")[:1]
         best = self.fit([*effects, starts[order[0]]])
         for index in order[1 : settings.starts]:
             if self.late:

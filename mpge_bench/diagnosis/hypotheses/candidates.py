@@ -89,7 +89,7 @@ def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
 
 def carrier(rig: Rig, target: str) -> str:
     """The joint whose scale an effect on `target` goes by: itself, or the one that carries the link."""
-    return target if target in rig.joints else rig.joints[0] if target in ("world", "*") else rig.model.carriers(target)[-1]
+    return target if target in rig.joints else rig.joints[0] if target in ("world", "*") else rig.model.carriers(target)[0]
 
 
 def label(effects: Sequence[Effect]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.hypotheses.candidates import candidates
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, carrier
 from mpge_bench.envs.effects import CATALOGUE, Scale
 
 from ..conftest import Made, posed, write_rig
@@ -62,3 +62,13 @@ def test_what_whirls_is_looked_at_within_the_bounds_of_effects(tmp_path: Path) -
     scale = Scale(**sizes, period=0.01, duration=8.0, gravity=(0.0, 0.0, -9.81))
     starts = {one.label: one.starts for one in candidates(rig, dict.fromkeys(rig.joints, scale))}
     assert max(effect.torque for effect in starts["dead_zone:elbow"]) == 1e4  # type: ignore[attr-defined]
+
+
+def test_what_is_hung_on_a_link_is_as_large_as_that_link(tmp_path: Path) -> None:
+    """Loads of a pole on a cart were sought by the cart's mass and its centre, which is at no distance: two hundredths of a metre out at most."""
+    rig = read_rig(write_rig(tmp_path))
+    assert carrier(rig, "lower") == "elbow"
+    small, large = (dict.fromkeys(("torque", "limit", "speed", "top_speed", "angle", "inertia", "mass", "length"), size) for size in (0.1, 10.0))
+    sizes = {joint: Scale(**(small if joint == "elbow" else large), period=0.01, duration=1.0, gravity=(0.0, 0.0, -9.81)) for joint in rig.joints}
+    (load,) = [one for one in candidates(rig, sizes) if one.label == "payload:lower"]
+    assert max(one.distance for one in load.starts) < 1.0  # type: ignore[attr-defined]
