@@ -133,7 +133,7 @@ def plainness(effect: Effect) -> tuple[bool, int, int, int]:
     What is still equal goes by the catalogue's order.
     """
     names = list(CATALOGUE)
-    return effect.on == "sensor", len(parameters_of(effect)), ("joint", "link", "world", "sensor").index(effect.on), names.index(effect.name)
+    return effect.on == "sensor", len(parameters_of(effect)), ("joint", "pair", "link", "world", "sensor").index(effect.on), names.index(effect.name)
 
 
 def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:

@@ -38,6 +38,7 @@ class FlatTree:
         pushes: of each constant force the joint that carries its link, where it acts in that joint's frame, m, and what it is in the base's, N; shape
             (forces, 7).
         gravity: m/s², shape (3,).
+        ties: of each two joints that pull on each other their places in q, ratio, stiffness, rest and damping, as `Tie` has them; shape (ties, 6).
         stops: lowest and highest position of each joint, in the order of q, infinite where the model sets none; shape (joints, 2).
     """
 
@@ -45,6 +46,7 @@ class FlatTree:
     numbers: Array
     pushes: Array
     gravity: Array
+    ties: Array
     stops: Array
 
     def __len__(self) -> int:
@@ -93,6 +95,7 @@ def flat_tree(model: Model, joints: Sequence[str], rotors: Sequence[float], grav
         np.array(numbers, float),
         np.array(pushes, float).reshape(-1, 7),
         np.array(model.gravity or gravity, float),
+        np.array([(index[one.joint], index[one.other], one.ratio, one.stiffness, one.rest, one.damping) for one in model.ties], float).reshape(-1, 6),
         stops,
     )
 
