@@ -71,7 +71,7 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
         model = trials.add(trials.converged(*pairs[0])[0])
     distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label([twin.replaced])) if key(one.effects) == chosen.key)]
-    return replace(twin, effects=model.effects, distance=min(distance, *(one.distance for one in seen if not one.at_least)), at_least=False)
+    return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
 
 
 def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> list[Twin]:
