@@ -71,8 +71,8 @@ class CouplingSpring(Coupling):
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
         return (
-            f"The {self.other} and the {self.target} pull on each other with {words['stiffness']}:"
-            f" the {self.target} to {words['ratio']} times the {self.other}'s position and {words['rest']} more."
+            f"The {self.other} and the {self.target} pull on each other with {words['stiffness']}, at rest where the {self.target} is at"
+            f" {words['ratio']} times the {self.other}'s position and {words['rest']} more."
         )
 
     @classmethod
@@ -102,8 +102,8 @@ class CouplingDamping(Coupling):
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
         return (
-            f"The {self.other} and the {self.target} brake each other with {words['damping']}:"
-            f" the {self.target} to {words['ratio']} times the {self.other}'s speed."
+            f"The {self.other} and the {self.target} brake each other with {words['damping']}, unless the {self.target} has"
+            f" {words['ratio']} times the {self.other}'s speed."
         )
 
     @classmethod

@@ -134,8 +134,9 @@ class Effect:
     Attributes:
         target: what it acts on: a joint, a link, ``"*"`` (all links) or ``"world"``, by its name in the robot's model.
 
-    Subclasses set ``name``, ``on`` (the kind of target: joint, pair, which is a joint and another, link, world or sensor) and ``parameters`` and override the hooks they need. Joint torques and
-    forces are in N m and N; what is called torque below is a force on a prismatic joint, and what is called an angle is a length there.
+    Subclasses set ``name``, ``on`` (the kind of target: joint, pair, link, world or sensor; a pair is a joint and another that a field of the effect's names)
+    and ``parameters`` and override the hooks they need. Joint torques and forces are in N m and N; what is called torque below is a force on a prismatic
+    joint, and what is called an angle is a length there.
 
     Raises:
         UserError: on construction, if a parameter is not finite or outside its bounds.

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.predict.fast.laws import delivered, tie
+from mpge_bench.diagnosis.predict.fast.laws import delivered
 from mpge_bench.diagnosis.predict.fast.program import Indices, Program, has_law, written
 from mpge_bench.diagnosis.predict.fast.trees import FlatTree, dynamics, flat_tree, hold, solve, workspace
 from mpge_bench.envs.compiled import compiled
@@ -193,8 +193,7 @@ def _dynamics(
 ) -> None:
     room = workspace(len(whole))
     for index in range(len(q)):
-        dynamics(whole, joints, pushes, gravity, q[index], dq[index], room, masses[index], biases[index])
-        tie(ties, q[index], dq[index], biases[index])
+        dynamics(whole, joints, pushes, gravity, ties, q[index], dq[index], room, masses[index], biases[index])
 
 
 @compiled
@@ -249,8 +248,7 @@ def _rolled(
             sane = True
             for _ in range(every):
                 _drive(spans, operations, numbers, tables, dt, u[window, row], q, dq, memory, right, most)
-                dynamics(whole, joints, pushes, gravity, q, dq, room, mass, spent)
-                tie(ties, q, dq, spent)
+                dynamics(whole, joints, pushes, gravity, ties, q, dq, room, mass, spent)
                 _step(mass, spent, rubs, dt, q, dq, right, most, answer)
                 for joint in range(n):
                     # NaN is below neither.

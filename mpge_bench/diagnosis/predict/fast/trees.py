@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.predict.fast.laws import tie
 from mpge_bench.envs.compiled import compiled
 from mpge_bench.envs.dynamics import body_parameters
 from mpge_bench.envs.model import Model
@@ -140,11 +141,13 @@ def workspace(joints: int) -> Array:
 
 
 @compiled
-def dynamics(whole: Indices, numbers: Array, pushes: Array, gravity: Array, q: Array, dq: Array, room: Array, mass: Array, bias: Array) -> None:
-    """Mass matrix, rotors included, and the torques that hold the joints' speeds as they are, less the constant forces': into `mass` and `bias`.
+def dynamics(
+    whole: Indices, numbers: Array, pushes: Array, gravity: Array, ties: Array, q: Array, dq: Array, room: Array, mass: Array, bias: Array
+) -> None:
+    """Mass matrix, rotors included, and the torques that hold the joints' speeds as they are, less the constant forces' and ties': into `mass` and `bias`.
 
     Args:
-        whole, numbers, pushes, gravity: of a `FlatTree`.
+        whole, numbers, pushes, gravity, ties: of a `FlatTree`.
         q, dq: shape (joints,).
         room: of `workspace`.
     """
@@ -164,6 +167,7 @@ def dynamics(whole: Indices, numbers: Array, pushes: Array, gravity: Array, q: A
     for index in range(len(pushes)):
         _push(pushes, index, room)
     _gather(whole, numbers, room, mass, bias)
+    tie(ties, q, dq, bias)
 
 
 @compiled
