@@ -71,9 +71,17 @@ class Tie:
     rest: float = 0.0
     damping: float = 0.0
 
-    def pull(self, apart: Any, faster: Any) -> Any:
-        """Torque on `joint` where it is `apart`, ``q - ratio * other's q``, and `faster`, the same of dq: single numbers or many."""
-        return -self.stiffness * (apart - self.rest) - self.damping * faster
+    def pull(self, torque: Any, q: Any, dq: Any, joint: int, other: int, share: float = 1.0) -> None:
+        """Add that `share` of it to joint torques, in place.
+
+        Args:
+            torque: first axis the joints, of which `joint` and `other` are the two.
+            q, dq: of the joints, shaped as `torque`.
+        """
+        apart, faster = q[joint] - self.ratio * q[other], dq[joint] - self.ratio * dq[other]
+        pull = share * (-self.stiffness * (apart - self.rest) - self.damping * faster)
+        torque[joint] += pull
+        torque[other] -= self.ratio * pull
 
 
 @dataclass(frozen=True)

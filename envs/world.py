@@ -481,8 +481,8 @@ class World:
             result[joint] += ratio * torque[self._dof_of[rotor]]
         if self._forces:
             result -= self._pushed(q)
-        if self._ties:
-            self._tie(result, q, dq, -1.0)
+        for tie, joint, other in self._ties:
+            tie.pull(result, q, dq, joint, other, -1.0)
         return result
 
     def _dofs(self, values: Sequence[float] | Array, of_rotors: float = 1.0) -> list[float]:
@@ -508,13 +508,6 @@ class World:
             total += force @ np.array(linear)[:, [self._dof_of[index] for index in self._q_index]]
         return total
 
-    def _tie(self, torque: list[float] | Array, q: Sequence[float] | Array, dq: Sequence[float] | Array, share: float = 1.0) -> None:
-        """Add to `torque` that `share` of what joints that are tied together pull on each other with at (`q`, `dq`)."""
-        for tie, joint, other in self._ties:
-            pull = share * tie.pull(q[joint] - tie.ratio * q[other], dq[joint] - tie.ratio * dq[other])
-            torque[joint] += pull
-            torque[other] -= tie.ratio * pull
-
     def _delivered(self, command: Sequence[float]) -> Sequence[float]:
         if not self._actuators and not self._forces and not self._ties:
             return command
@@ -526,7 +519,8 @@ class World:
                 most[joint] += float(friction(torque, joint, angles, speeds))
         if self._rubbing:
             self._rub(most)
-        self._tie(torque, angles, speeds)
+        for tie, joint, other in self._ties:
+            tie.pull(torque, angles, speeds, joint, other)
         if self._forces and not self.floating:
             torque = [own + pushed for own, pushed in zip(torque, self._pushed(self._angles).tolist(), strict=True)]
         return torque

@@ -59,10 +59,8 @@ class BodyRegressor:
                 added += sign * (self._forces[link] @ force)
         for sign, ties in ((1.0, model.ties), (-1.0, linear.model.ties)):
             for tie in ties:
-                joint, other = rig.joints.index(tie.joint), rig.joints.index(tie.other)
-                pull = sign * tie.pull(*(values[..., joint] - tie.ratio * values[..., other] for values in (self._q, self._dq)))
-                added[..., joint] += pull
-                added[..., other] -= tie.ratio * pull
+                torque, q, dq = (np.moveaxis(values, -1, 0) for values in (added, self._q, self._dq))
+                tie.pull(torque, q, dq, rig.joints.index(tie.joint), rig.joints.index(tie.other), sign)
         gravity = np.array(model.gravity or rig.gravity)
         if (gravity != linear.gravity).any():
             added -= self._gravity @ (gravity - linear.gravity)
