@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +58,33 @@ class Joint:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """Two joints that pull on each other, equally and oppositely through the transmission between them.
+
+    `joint` has the torque ``-stiffness * (q - ratio * other's q - rest) - damping * (dq - ratio * other's dq)``, `other` the opposite times `ratio`.
+    """
+
+    joint: str
+    other: str
+    ratio: float
+    stiffness: float = 0.0
+    rest: float = 0.0
+    damping: float = 0.0
+
+    def pull(self, torque: Any, q: Any, dq: Any, joint: int, other: int, share: float = 1.0) -> None:
+        """Add that `share` of it to joint torques, in place.
+
+        Args:
+            torque: first axis the joints, of which `joint` and `other` are the two.
+            q, dq: of the joints, shaped as `torque`.
+        """
+        apart, faster = q[joint] - self.ratio * q[other], dq[joint] - self.ratio * dq[other]
+        pull = share * (-self.stiffness * (apart - self.rest) - self.damping * faster)
+        torque[joint] += pull
+        torque[other] -= self.ratio * pull
+
+
+@dataclass(frozen=True)
 class Ground:
     """Where a plane of ground lies: its height at the origin, m, and by how much, rad, it is turned about the world's x and y axes."""
 
@@ -65,7 +93,7 @@ class Ground:
 
 
 class Model:
-    """The URDF or MJCF file at `path`, as URDF, with gravity and constant forces beside it.
+    """The URDF or MJCF file at `path`, as URDF, with gravity, constant forces and what ties joints together beside it.
 
     Args:
         path: of the file.
@@ -77,6 +105,7 @@ class Model:
         gravity: m/s², in the fixed base's frame or, of a floating one, in the world's; None leaves it to the world.
         ground: where the ground is, if the world has one.
         forces: constant forces (link, N in the same frame) on links' centres of mass.
+        ties: joints that pull on each other.
         rotors: the joints that have a rotor among the links, and its gear ratio.
         flywheels: the joints that have a rotor outside of the robot, and its inertia, kg m²: the rotors of a floating base.
 
@@ -110,6 +139,7 @@ class Model:
         self.gravity: tuple[float, float, float] | None = None
         self.ground = Ground()
         self.forces: list[tuple[str, Array]] = []
+        self.ties: list[Tie] = []
         self.rotors: dict[str, float] = {}
         self.flywheels: dict[str, float] = {}
 
@@ -118,6 +148,7 @@ class Model:
         other = copy.copy(self)
         other._root, other.forces, other.rotors = copy.deepcopy(self._root), list(self.forces), dict(self.rotors)
         other.armature, other.springs, other.flywheels = dict(self.armature), dict(self.springs), dict(self.flywheels)
+        other.ties = list(self.ties)
         return other
 
     def meshes(self) -> list[ET.Element]:
@@ -227,6 +258,17 @@ class Model:
         if link not in self.moving_links():
             raise UserError(f"no link {link!r} with mass that moves; the model has {', '.join(self.moving_links())}")
         self.forces.append((link, np.array(force, float)))
+
+    def tie(self, tie: Tie) -> None:
+        """Let two joints pull on each other.
+
+        Raises:
+            UserError: if one of them is no movable joint.
+        """
+        for joint in (tie.joint, tie.other):
+            if joint not in self.joints:
+                raise UserError(f"no joint {joint!r}; the model has {', '.join(self.joints)}")
+        self.ties.append(tie)
 
     def add_rotor(self, joint: str, inertia: float, *, carried: bool = False) -> None:
         """Gear a massless rotor to `joint` that adds `inertia`, kg m², to the joint's own.

@@ -131,6 +131,7 @@ class World:
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
+        self._ties = [(tie, self.joints.index(tie.joint), self.joints.index(tie.other)) for tie in model.ties]
         self._geared_hard = 1.0 in model.rotors.values()
         bullet.setPhysicsEngineParameter(numSolverIterations=iterations, deterministicOverlappingPairs=1, physicsClientId=self._client)
         self._take_up(self.effects)
@@ -253,7 +254,7 @@ class World:
         """Let `effects` do between command and joint, and between joint and reading, what they do."""
         actuators = [(effect, self.joints.index(effect.target)) for effect in effects if effect.on == "joint"]
         #: A command that depends on the state (a spring, say) is worked out anew at every physics step; any other one is held.
-        self._held = all(effect.maps_command or effect.steady for effect, _ in actuators) and not self._forces
+        self._held = all(effect.maps_command or effect.steady for effect, _ in actuators) and not self._forces and not self._ties
         self._advances = 1 if self._held else self.substeps
         steps = self.substeps // self._advances
         self._hidden = [Hidden(self.timestep) for _ in actuators]
@@ -470,7 +471,7 @@ class World:
         return result
 
     def inverse_dynamics(self, q: Sequence[float] | Array, dq: Sequence[float] | Array, ddq: Sequence[float] | Array) -> Array:
-        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) without effects on joints and the model's damping.
+        """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) without effects on single joints and the model's damping.
 
         Of a robot on a fixed base.
         """
@@ -478,7 +479,11 @@ class World:
         result = np.array([torque[self._dof_of[index]] for index in self._q_index])
         for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
             result[joint] += ratio * torque[self._dof_of[rotor]]
-        return result - self._pushed(q) if self._forces else result
+        if self._forces:
+            result -= self._pushed(q)
+        for tie, joint, other in self._ties:
+            tie.pull(result, q, dq, joint, other, -1.0)
+        return result
 
     def _dofs(self, values: Sequence[float] | Array, of_rotors: float = 1.0) -> list[float]:
         """Joint values as PyBullet's dynamics functions take them: every movable joint, rotors too, by index."""
@@ -504,7 +509,7 @@ class World:
         return total
 
     def _delivered(self, command: Sequence[float]) -> Sequence[float]:
-        if not self._actuators and not self._forces:
+        if not self._actuators and not self._forces and not self._ties:
             return command
         torque, angles, speeds = list(command), self._angles, self._speeds
         most = [0.0] * len(torque)
@@ -514,6 +519,8 @@ class World:
                 most[joint] += float(friction(torque, joint, angles, speeds))
         if self._rubbing:
             self._rub(most)
+        for tie, joint, other in self._ties:
+            tie.pull(torque, angles, speeds, joint, other)
         if self._forces and not self.floating:
             torque = [own + pushed for own, pushed in zip(torque, self._pushed(self._angles).tolist(), strict=True)]
         return torque

@@ -15,6 +15,7 @@ from mpge_bench.envs.effects.actuator import (
     TorqueLimit,
 )
 from mpge_bench.envs.effects.body import AttachedMass, ComOffset, ContactCompliance, ContactFriction, InertiaScale, LinkSize, MassScale, Payload, Restitution
+from mpge_bench.envs.effects.coupling import Coupling, CouplingDamping, CouplingSpring
 from mpge_bench.envs.effects.effect import CATALOGUE, Effect, Hidden, Parameter, Scale, effect_from_dict
 from mpge_bench.envs.effects.formula import CubicSpring, OneWayFriction, PeriodicFriction, PeriodicGain, PeriodicTorque
 from mpge_bench.envs.effects.joint import (
@@ -43,6 +44,9 @@ __all__ = [
     "ContactCompliance",
     "ContactFriction",
     "CoulombFriction",
+    "Coupling",
+    "CouplingDamping",
+    "CouplingSpring",
     "CubicSpring",
     "DcMotor",
     "DeadZone",

@@ -66,7 +66,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Scale:
-    """How large things are where an effect is looked for; a search starts from parameters of this size.
+    """How large things are where an effect is looked for, and what else is there; a search starts from parameters of this size.
 
     Attributes:
         torque: of the command or, without one, of gravity and inertia, N m; root mean square.
@@ -85,6 +85,7 @@ class Scale:
         damping: of the joint as the model has it, N m s/rad.
         rotor: inertia of the joint's rotor as the model has it, kg m².
         servo_period: s, between commands to a servo; 0 where commands are torques.
+        before: joints that come before this one, each of which may be tied to it.
     """
 
     torque: float
@@ -103,6 +104,7 @@ class Scale:
     damping: float = 0.0
     rotor: float = 0.0
     servo_period: float = 0.0
+    before: tuple[str, ...] = ()
 
 
 class Hidden:
@@ -132,8 +134,9 @@ class Effect:
     Attributes:
         target: what it acts on: a joint, a link, ``"*"`` (all links) or ``"world"``, by its name in the robot's model.
 
-    Subclasses set ``name``, ``on`` (the kind of target: joint, link, world or sensor) and ``parameters`` and override the hooks they need. Joint torques and
-    forces are in N m and N; what is called torque below is a force on a prismatic joint, and what is called an angle is a length there.
+    Subclasses set ``name``, ``on`` (the kind of target: joint, pair, link, world or sensor; a pair is a joint and another that a field of the effect's names)
+    and ``parameters`` and override the hooks they need. Joint torques and forces are in N m and N; what is called torque below is a force on a prismatic
+    joint, and what is called an angle is a length there.
 
     Raises:
         UserError: on construction, if a parameter is not finite or outside its bounds.

@@ -27,9 +27,9 @@ def with_parameters(effect: Effect, values: Sequence[float]) -> Effect:
 
 
 def within_bounds(kind: type[Effect], target: str, values: Mapping[str, Any]) -> Effect:
-    """An effect with `values` by the parameters' names, each clipped to its bounds: starts of fits go by how large things are, and what whirls is larger."""
-    bounds = {name: kind.parameters[name] for name in values}
-    return kind(target, **{name: np.clip(value, bounds[name].low, bounds[name].high).tolist() for name, value in values.items()})
+    """An effect with `values` by their names, parameters clipped to their bounds: starts of fits go by how large things are, and what whirls is larger."""
+    bounds = kind.parameters
+    return kind(target, **{name: np.clip(value, bounds[name].low, bounds[name].high).tolist() if name in bounds else value for name, value in values.items()})
 
 
 def parameters_of(effect: Effect) -> list[float]:

@@ -46,7 +46,8 @@ class Answer:
         mismatch: whether there is any.
         effects: of the catalogue, by which it is explained; laws without a name are no part of it.
         equals: other answers, each a list of (effect, target), that are said to describe the recordings as well.
-        laws: laws without a name, as (kind, target): periodic_torque, periodic_friction, one_way_friction, or any other.
+        laws: laws without a name, as (kind, target): periodic_torque, periodic_friction, one_way_friction, coupling_spring, or any other; of what ties two
+            joints together the target is what `tied` makes of them.
         places: joints where it shows, the most first.
         corrected: rig.yaml of the corrected simulator; None if there is none.
         p_value: of there being nothing, if there is one.
@@ -115,7 +116,7 @@ def answer_of(out: Path) -> Answer:
     for models in data["indistinguishable"]:
         answers = [[_pair(label) for label in model.split(" + ")] for model in models if model != "nothing"]
         equals += [answer for answer in answers if set(answer) != chosen]
-    laws = [(one["law"], one["target"]) for one in data["effects"] if one.get("law")]
+    laws = [(one["law"], tied(one["target"], one.get("other"))) for one in data["effects"] if one.get("law")]
     places = [one["name"] for one in data["where"] if one["kind"] == "joint"]
     mismatch = data["verdict"] not in ("no_mismatch", "too_little_data")
     return Answer(mismatch, effects, equals, laws, places, str(out / "corrected.yaml"), data["p_value"], data["verdict"], data["complete"])
@@ -146,6 +147,11 @@ def _said(parameter: Mapping[str, Any]) -> Said:
 def said(pairs: Sequence[tuple[str, str]]) -> str:
     """(effect, target) for people; `_pair` reads each."""
     return " + ".join(f"{effect}:{target}" for effect, target in pairs) or "nothing"
+
+
+def tied(joint: str, other: str | None) -> str:
+    """A joint or, where there is another, both, in whichever order they are given."""
+    return "+".join(sorted((joint, other))) if other else joint
 
 
 def _pair(label: str) -> tuple[str, str]:

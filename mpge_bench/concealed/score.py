@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept, said
+from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept, said, tied
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
@@ -25,7 +25,13 @@ from mpge_bench.envs.errors import UserError
 #: s that errors are predicted ahead.
 HORIZON = 0.5
 #: Laws outside the catalogue that can be said as a formula, and the formula's name; of a parameter that changes with time its effect's.
-FORMULAS = {"cogging": "periodic_torque", "position_friction": "periodic_friction", "one_way_friction": "one_way_friction", "gain_drift": "torque_gain"}
+FORMULAS = {
+    "cogging": "periodic_torque",
+    "position_friction": "periodic_friction",
+    "one_way_friction": "one_way_friction",
+    "coupling_spring": "coupling_spring",
+    "gain_drift": "torque_gain",
+}
 #: A case passes where effects and places are right or listed, no parameter is further off, and errors are at most so many times those of the true effects.
 CLOSE, NEAR = 0.05, 1.15
 
@@ -128,7 +134,7 @@ def _judged(case: Truth, answer: Answer, found: list[tuple[str, str]]) -> dict[s
     confidences = [[one.confidence, (one.effect, one.target) in there] for one in answer.effects if one.confidence is not None]
     row: dict[str, Any] = {"confidences": [] if case.is_outside else confidences, "alarm": answer.mismatch if not case.effects else None}
     if case.is_outside:
-        wanted = [(FORMULAS[one["effect"]], one["target"]) for one in case.effects if one["effect"] in FORMULAS]
+        wanted = [(FORMULAS[one["effect"]], tied(one["target"], one["value"].get("other"))) for one in case.effects if one["effect"] in FORMULAS]
         located = all(one["target"] in answer.places[: len(case.effects)] for one in case.effects)
         right = answer.mismatch and located and not found
         return row | {"right": right, "credit": float(right), "false_name": bool(found), "formula": set(wanted) <= set(answer.laws) if wanted else None}

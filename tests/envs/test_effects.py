@@ -30,6 +30,9 @@ from mpge_bench.envs.effects import (
     ContactCompliance,
     ContactFriction,
     CoulombFriction,
+    Coupling,
+    CouplingDamping,
+    CouplingSpring,
     CubicSpring,
     DcMotor,
     DeadZone,
@@ -99,6 +102,8 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
         "current": ((0.0, 30.0, 60.0), (0.0, 25.0, 60.0)),
         "torque": ((0.0, 40.0, 60.0), (0.0, 45.0, 60.0)),
     },
+    "coupling_damping": {"damping": (5.0, 6.0), "ratio": (1.0, -0.5)},
+    "coupling_spring": {"stiffness": (50.0, 60.0), "ratio": (1.0, -0.5), "rest": (0.1, 0.2)},
     "cubic_spring": {"stiffness": (500.0, 600.0), "rest": (0.1, 0.2)},
     "dead_zone": {"torque": (10.0, 11.0)},
     "delay": {"seconds": (0.011, 0.0115)},
@@ -134,14 +139,18 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "viscous_friction": {"damping": (5.0, 6.0)},
 }
 #: What an effect needs beside its parameters.
-FURTHER: dict[str, dict[str, Any]] = {"unknown": {"signal": "dq"}}
+FURTHER: dict[str, dict[str, Any]] = {
+    "coupling_damping": {"other": "leg_joint"},
+    "coupling_spring": {"other": "leg_joint"},
+    "unknown": {"signal": "dq"},
+}
 #: What changes nothing for a robot that moves in the plane of x and z.
 OUT_OF_PLANE = {("attached_mass", "y"), ("com_offset", "y")}
 #: Where `TARGETS` would not do; the leg's joint is one that turns both ways.
 OTHER_TARGETS = {"contact_compliance": "foot", "contact_friction": "foot", "restitution": "foot", "one_way_friction": "leg_joint"}
 #: What shows in contact alone.
 OF_CONTACT = {"contact_compliance", "contact_friction", "restitution", "ground_height", "ground_tilt"}
-TARGETS = {"joint": "thigh_joint", "sensor": "thigh_joint", "link": "thigh", "world": "world"}
+TARGETS = {"joint": "thigh_joint", "pair": "thigh_joint", "sensor": "thigh_joint", "link": "thigh", "world": "world"}
 
 
 def example(name: str, target: str | None = None, **changes: Any) -> Effect:
@@ -162,7 +171,8 @@ def effects(draw: st.DrawFn) -> Effect:
         values[name] = draw(number if bound.size == 1 else st.lists(number, min_size=count, max_size=count, unique=True).map(sorted).map(tuple))
     if kind is UnknownTorque:
         values["signal"] = draw(st.sampled_from(["q", "dq", "command"]))
-    return kind(draw(st.text()), **values)
+    target, other = draw(st.lists(st.text(), min_size=2, max_size=2, unique=True))
+    return kind(target, **values | ({"other": other} if issubclass(kind, Coupling) else {}))
 
 
 @pytest.fixture(scope="module")
@@ -452,10 +462,51 @@ def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path) -> Non
         (CubicSpring("wrist", 1.5, -0.2), "A torque of -1.5 (q + 0.2)³ N m acts on the wrist ("),
         (PeriodicFriction("wrist", 0.2, 0.1, 3.0, -0.4), "The dry friction of the wrist changes with its position: 0.2 + 0.1 sin(3 q - 0.4) N m ("),
         (PeriodicGain("wrist", 0.1, 12.0, 0.0), "The wrist's motor delivers its torque times 1 + 0.1 sin(12 q) ("),
+        (CouplingSpring("wrist", "elbow", 4.2), "The elbow and the wrist pull on each other with 4.2 N m/rad (0 to 1), at rest where the wrist is at 1 ("),
+        (CouplingDamping("wrist", "elbow", 0.2), "The elbow and the wrist brake each other with 0.2 N m s/rad (0 to 1), unless the wrist has 1 ("),
     ],
 )
 def test_formulas_are_said_as_formulas(law: Effect, said: str) -> None:
     assert law.say({name: [(0.0, 1.0)] for name in law.parameters}).startswith(said)
+
+
+@pytest.fixture(scope="module")
+def bare(arm: Path) -> World:
+    """The arm without effects."""
+    return World(arm, timestep=STEP)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    **dict.fromkeys(("q", "at", "dq", "speed"), st.floats(-2, 2)),
+    stiffness=st.floats(0, 50),
+    ratio=st.floats(-3, 3),
+    rest=st.floats(-1, 1),
+    damping=st.floats(0, 2),
+)
+def test_joints_that_are_tied_pull_equally_and_oppositely_through_the_ratio(
+    arm: Path, bare: World, q: float, at: float, dq: float, speed: float, stiffness: float, ratio: float, rest: float, damping: float
+) -> None:
+    tied = World(
+        arm, timestep=STEP, effects=[CouplingSpring("elbow", "shoulder", stiffness, ratio, rest), CouplingDamping("elbow", "shoulder", damping, ratio)]
+    )
+
+    def pulls(q: Sequence[float], dq: Sequence[float]) -> np.ndarray:
+        return bare.inverse_dynamics(q, dq, [0.0, 0.0]) - tied.inverse_dynamics(q, dq, [0.0, 0.0])
+
+    shoulder, elbow = pulls([q, at], [dq, speed])
+    assert elbow == pytest.approx(-stiffness * (at - ratio * q - rest) - damping * (speed - ratio * dq), abs=1e-9)
+    assert shoulder == pytest.approx(-ratio * elbow, abs=1e-9)
+    assert pulls([q, ratio * q + rest], [dq, ratio * dq]) == pytest.approx(0.0, abs=1e-9)
+    assert pulls([q, ratio * q + rest], [0.0, 0.0]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_joint_is_tied_to_another_that_is_there(arm: Path) -> None:
+    with pytest.raises(UserError, match="a joint cannot be tied to itself"):
+        CouplingSpring("elbow", "elbow", 1.0)
+    for names in (("elbow", "wrist"), ("wrist", "elbow")):
+        with pytest.raises(UserError, match="coupling_damping: no joint 'wrist'; the model has shoulder, elbow"):
+            World(arm, timestep=STEP, effects=[CouplingDamping(*names, 1.0)])
 
 
 def test_position_servo_pulls_to_the_target_at_its_own_period(wheel: Path) -> None:

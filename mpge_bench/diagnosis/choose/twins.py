@@ -71,7 +71,7 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
         model = trials.add(trials.converged(*pairs[0])[0])
     distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label([twin.replaced])) if key(one.effects) == chosen.key)]
-    return replace(twin, effects=model.effects, distance=min(distance, *(one.distance for one in seen if not one.at_least)), at_least=False)
+    return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
 
 
 def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> list[Twin]:
@@ -133,7 +133,7 @@ def plainness(effect: Effect) -> tuple[bool, int, int, int]:
     What is still equal goes by the catalogue's order.
     """
     names = list(CATALOGUE)
-    return effect.on == "sensor", len(parameters_of(effect)), ("joint", "link", "world", "sensor").index(effect.on), names.index(effect.name)
+    return effect.on == "sensor", len(parameters_of(effect)), ("joint", "pair", "link", "world", "sensor").index(effect.on), names.index(effect.name)
 
 
 def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:

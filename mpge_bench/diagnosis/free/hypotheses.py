@@ -41,8 +41,11 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     touching = model.touching() if rig.ground else ()
     damping = model.take_losses() if rig.robot else {}
     plain = Scale(
-        **dict.fromkeys(("torque", "limit"), settings.least_torque),
-        **dict.fromkeys(("speed", "top_speed", "angle"), settings.least_motion),
+        torque=settings.least_torque,
+        limit=settings.least_torque,
+        speed=settings.least_motion,
+        top_speed=settings.least_motion,
+        angle=settings.least_motion,
         inertia=1.0,
         mass=1.0,
         length=size,

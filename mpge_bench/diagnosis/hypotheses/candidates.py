@@ -130,5 +130,6 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             period=float(np.median(np.diff(motion.time[0, : motion.rows[0]]))),
             duration=min(float(time[rows - 1] - time[0]) for time, rows in zip(motion.time, motion.rows, strict=True)),
             gravity=rig.gravity,
+            before=rig.joints[:column],
         )
     return found

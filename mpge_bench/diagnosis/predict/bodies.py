@@ -1,4 +1,4 @@
-"""What bodies, gravity and constant forces ask of the joints, as columns over the bodies' parameters."""
+"""What bodies, gravity, constant forces and joints that are tied together ask of the joints, as columns over the bodies' parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 
 class BodyRegressor:
-    """What bodies, gravity and constant forces ask of the joints along a motion, linear in the bodies' parameters.
+    """What bodies, gravity, constant forces and ties ask of the joints along a motion, linear in the bodies' parameters.
 
     Args:
         linear: gives the base that changes are counted from.
@@ -27,9 +27,10 @@ class BodyRegressor:
         self._linear, self._accelerations = linear, accelerations
         tree = Tree(linear.model, linear.rig.joints)
         layout = linear.motion.layout
-        q = layout.q(states)
+        q = self._q = layout.q(states)
+        self._dq = layout.dq(states)
         still = np.zeros_like(q)
-        self._columns = tree.columns(q, layout.dq(states), accelerations, linear.gravity)
+        self._columns = tree.columns(q, self._dq, accelerations, linear.gravity)
         self._base = {link: body_parameters(*linear.model.inertial(link)) for link in self._columns}
         # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
         pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
@@ -56,6 +57,10 @@ class BodyRegressor:
         for sign, forces in ((1.0, model.forces), (-1.0, linear.model.forces)):
             for link, force in forces:
                 added += sign * (self._forces[link] @ force)
+        for sign, ties in ((1.0, model.ties), (-1.0, linear.model.ties)):
+            for tie in ties:
+                torque, q, dq = (np.moveaxis(values, -1, 0) for values in (added, self._q, self._dq))
+                tie.pull(torque, q, dq, rig.joints.index(tie.joint), rig.joints.index(tie.other), sign)
         gravity = np.array(model.gravity or rig.gravity)
         if (gravity != linear.gravity).any():
             added -= self._gravity @ (gravity - linear.gravity)

@@ -105,6 +105,9 @@ def _told(text: str, left_out: Sequence[Effect]) -> str:
     if not left_out:
         return text
     root = ET.fromstring(text)
-    said = ", ".join(f"{one.name} of {one.target} ({', '.join(f'{name} {getattr(one, name)}' for name in one.parameters)})" for one in left_out)
+    values = [{name: value for name, value in one.to_dict().items() if name not in ("effect", "target")} for one in left_out]
+    said = ", ".join(
+        f"{one.name} of {one.target} ({', '.join(f'{name} {value}' for name, value in own.items())})" for one, own in zip(left_out, values, strict=True)
+    )
     root.insert(0, ET.Comment(f" Not held by this format: {said.replace('--', '- -')} "))
     return ET.tostring(root, encoding="unicode")

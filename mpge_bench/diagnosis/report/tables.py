@@ -88,7 +88,7 @@ def effects_table(effects: Sequence[FoundEffect]) -> list[dict[str, Any]]:
             "key": (effect.effect, effect.target),
             "title": title(effect.effect),
             "meaning": meaning(effect.effect),
-            "target": effect.target,
+            "target": effect.seat,
             "signal": ", ".join(effect.depends_on),
             "lines": [line for name, one in effect.parameters.items() for line in _estimate_lines(name.replace("_", " "), one)],
             "confidence": percent(effect.confidence),
@@ -159,7 +159,7 @@ def joints_table(joints: Sequence[JointEvidence], corrected: bool) -> list[dict[
 def lawless(effects: Sequence[FoundEffect], laws: Sequence[Law]) -> list[str]:
     """Effects that no curve shows."""
     drawn = {(law.effect, law.joint) for law in laws}
-    return [f"{title(effect.effect)} at {effect.target}" for effect in effects if (effect.effect, effect.target) not in drawn]
+    return [f"{title(effect.effect)} at {effect.seat}" for effect in effects if (effect.effect, effect.target) not in drawn]
 
 
 def rivals_table(result: DiagnosisResult) -> Table:

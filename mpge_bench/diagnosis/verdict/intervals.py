@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.verdict.result import Estimate, FoundEffect
-from mpge_bench.envs.effects import Effect, UnknownTorque
+from mpge_bench.envs.effects import Coupling, Effect, UnknownTorque
 
 #: Of each parameter, one for each number.
 Intervals = dict[str, list[tuple[float, float]]]
@@ -63,7 +63,8 @@ def found_effects(
     found = []
     for effect, bounds in named:
         formula = drifts.get((effect.name, effect.target), effect.formula)
-        found.append(FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds), formula=formula))
+        other = effect.other if isinstance(effect, Coupling) else ""
+        found.append(FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds), formula=formula, other=other))
     for curve in curves:
         signal = curve.unit_of_signal(slide=rig.is_slide(curve.target))
         parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, rig.units(curve.target).force)}

@@ -62,6 +62,7 @@ class FoundEffect:
         confidence: that it is this and none of those it may be mistaken for, 0 to 1; None of a nameless curve, or where none is worked out.
         depends_on: signals that a curve is over.
         formula: of a law that has no name. The file calls it unknown, as a curve, and has its law's name in the catalogue beside it.
+        other: the second joint of a law that ties two together.
     """
 
     effect: str
@@ -70,6 +71,12 @@ class FoundEffect:
     parameters: Mapping[str, Estimate]
     depends_on: tuple[str, ...] = ()
     formula: str = ""
+    other: str = ""
+
+    @property
+    def seat(self) -> str:
+        """What it acts on, for people."""
+        return f"{self.other} and {self.target}" if self.other else self.target
 
 
 @dataclass(frozen=True)
@@ -292,7 +299,8 @@ def _effect_to_json(one: FoundEffect) -> dict[str, Any]:
         parameters[name] = {"value": estimate.value, **bounds, **total, "unit": estimate.unit}
     signals = {"depends_on": one.depends_on} if one.depends_on else {}
     law = {"law": one.effect, "formula": one.formula} if one.formula else {}
-    return {"effect": "unknown" if law else one.effect, "target": one.target, **law, "confidence": one.confidence, **signals, "parameters": parameters}
+    other = {"other": one.other} if one.other else {}
+    return {"effect": "unknown" if law else one.effect, "target": one.target, **other, **law, "confidence": one.confidence, **signals, "parameters": parameters}
 
 
 def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
@@ -301,7 +309,7 @@ def _effect_from_json(data: Mapping[str, Any]) -> FoundEffect:
         for name, one in data["parameters"].items()
     }
     name, signals = data.get("law") or data["effect"], tuple(data.get("depends_on") or ())
-    return FoundEffect(name, data["target"], data.get("confidence"), parameters, signals, data.get("formula") or "")
+    return FoundEffect(name, data["target"], data.get("confidence"), parameters, signals, data.get("formula") or "", data.get("other") or "")
 
 
 def _fit_from_json(data: Mapping[str, Any]) -> Accuracy:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose.choice import choose
 from mpge_bench.diagnosis.choose.formulas import is_told, lone_formula, with_formulas
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -15,7 +16,19 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import CoulombFriction, CubicSpring, Effect, OneWayFriction, PeriodicFriction, PeriodicGain, PeriodicTorque, ViscousFriction
+from mpge_bench.envs.effects import (
+    CoulombFriction,
+    CouplingDamping,
+    CouplingSpring,
+    CubicSpring,
+    Effect,
+    JointSpring,
+    OneWayFriction,
+    PeriodicFriction,
+    PeriodicGain,
+    PeriodicTorque,
+    ViscousFriction,
+)
 from mpge_bench.envs.effects.vector import parameters_of
 
 from ..conftest import posed
@@ -42,6 +55,8 @@ def described(rig: Rig, hidden: tuple[Effect, ...], named: tuple[Effect, ...] = 
         OneWayFriction("elbow", 0.2, 0.05),
         PeriodicGain("shoulder", 0.3, 5.0, 0.4),
         CubicSpring("elbow", 1.5, 0.1),
+        CouplingSpring("elbow", "shoulder", 1.5, 0.8, 0.1),
+        CouplingDamping("elbow", "shoulder", 0.1, -0.7),
     ],
 )
 def test_a_law_that_has_no_name_is_found_as_a_formula(rig: Rig, law: Effect) -> None:
@@ -82,6 +97,25 @@ def test_a_wave_that_is_not_told_is_no_formula(rig: Rig) -> None:
     assert not told(0.01, np.array([1e-3, 1e-3, np.inf, 1e-3]))
 
 
+@pytest.mark.parametrize(
+    ("hidden", "key"),
+    [
+        # Springs of both joints had been the answer, with gravity beside them.
+        ((CouplingSpring("elbow", "shoulder", 1.5),), {"coupling_spring:elbow"}),
+        # A coupling with a very large ratio is a spring of the other joint.
+        ((JointSpring("shoulder", 1.5, 0.1),), {"joint_spring:shoulder"}),
+    ],
+)
+def test_springs_are_told_from_a_spring_between_joints(rig: Rig, hidden: tuple[Effect, ...], key: set[str]) -> None:
+    asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
+    assert choose(asked, candidates(rig, asked.scales), Workers(1), Clock(0.0, math.inf)).chosen.key == key
+
+
+def test_a_spring_of_one_joint_is_no_coupling(rig: Rig) -> None:
+    """Nor where nobody has thought of it: a ratio of next to nothing is not told."""
+    assert not any(one.on == "pair" for one in described(rig, (JointSpring("elbow", 1.5, 0.1),)).effects)
+
+
 def test_a_formula_that_explains_all_by_itself_is_found_before_anything_is_combined(rig: Rig) -> None:
     trials = searching(rig, PeriodicTorque("elbow", 0.4, 8.0, 0.7))
     found = lone_formula(trials)
@@ -90,6 +124,13 @@ def test_a_formula_that_explains_all_by_itself_is_found_before_anything_is_combi
     assert trials.models[-1] is found
 
 
-@pytest.mark.parametrize("hidden", [(CoulombFriction("shoulder", 0.3), ViscousFriction("elbow", 0.2)), ()])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        (CoulombFriction("shoulder", 0.3), ViscousFriction("elbow", 0.2)),
+        (JointSpring("elbow", 1.5, 0.1), JointSpring("shoulder", 0.8, -0.1)),
+        (),
+    ],
+)
 def test_where_none_does_there_is_none(rig: Rig, hidden: tuple[Effect, ...]) -> None:
     assert lone_formula(searching(rig, *hidden)) is None

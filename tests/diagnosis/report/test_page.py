@@ -273,6 +273,15 @@ def test_a_law_without_a_name_is_told_as_its_formula():
     assert "Mismatch described by a formula" in report_html(result)
 
 
+def test_of_two_joints_that_are_tied_both_are_told():
+    law = FoundEffect("coupling_spring", "elbow", 0.9, {"stiffness": Estimate(4.2, "N m/rad", 4.1, 4.3)}, formula="-4.2 (q - q_shoulder)", other="shoulder")
+    result = dataclasses.replace(_explained(), effects=(law,), verdict="unexplained")
+    stored = json.loads(json.dumps(result.to_json()))
+    assert (stored["effects"][0]["target"], stored["effects"][0]["other"]) == ("elbow", "shoulder")
+    assert DiagnosisResult.from_json(stored).effects == (law,)
+    assert "Coupling spring at shoulder and elbow" in report_html(result)
+
+
 def test_what_was_read_back_from_json_says_the_same_without_plots():
     for result in (_explained(), _no_mismatch(), _unexplained()):
         again = DiagnosisResult.from_json(json.loads(json.dumps(result.to_json())), result.evidence)

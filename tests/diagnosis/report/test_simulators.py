@@ -17,6 +17,8 @@ from mpge_bench.diagnosis.report.simulators import beside_report, exported
 from mpge_bench.envs.effects import (
     Armature,
     CoulombFriction,
+    CouplingDamping,
+    CouplingSpring,
     Delay,
     Effect,
     Gravity,
@@ -78,6 +80,7 @@ def corrected(folder: Path, *effects: Effect, **changes: object) -> Rig:
         ([Armature("elbow", 0.02), JointSpring("shoulder", 2.0, 0.3)], 1e-3),
         ([TorqueGain("shoulder", 0.6), TorqueBias("elbow", 0.15)], 1e-3),
         ([Gravity("world", (1.0, 0.0, -9.7)), TorqueLimit("shoulder", 0.7)], 1e-3),
+        ([CouplingSpring("elbow", "shoulder", 2.0, 0.8, 0.2), CouplingDamping("elbow", "shoulder", 0.2, -1.5)], 1e-3),
         ([Delay("shoulder", 0.03), Lag("elbow", 0.05)], 2e-3),
         # MuJoCo's dry friction gives way a little.
         ([CoulombFriction("shoulder", 0.3)], 2e-2),
@@ -115,11 +118,12 @@ def test_pybullet_moves_a_urdf_as_the_rig_that_it_was_made_of(tmp_path: Path) ->
 
 
 def test_what_a_format_cannot_hold_is_said_and_stands_in_the_file(tmp_path: Path) -> None:
-    rig = corrected(tmp_path, Armature("elbow", 0.02), SensorBias("shoulder", 0.05))
+    rig = corrected(tmp_path, CouplingSpring("elbow", "shoulder", 2.0), Armature("elbow", 0.02), SensorBias("shoulder", 0.05))
     urdf, mjcf = (exported(rig, tmp_path / name) for name in ("a.urdf", "a.xml"))
-    assert [effect.name for effect in urdf.left_out] == ["armature", "sensor_bias"]
+    assert [effect.name for effect in urdf.left_out] == ["coupling_spring", "armature", "sensor_bias"]
     assert [effect.name for effect in mjcf.left_out] == ["sensor_bias"]
-    assert "<!-- Not held by this format: armature of elbow (inertia 0.02), sensor_bias of shoulder (offset 0.05) -->" in urdf.text
+    tied = "coupling_spring of elbow (other shoulder, stiffness 2.0, ratio 1.0, rest 0.0)"
+    assert f"<!-- Not held by this format: {tied}, armature of elbow (inertia 0.02), sensor_bias of shoulder (offset 0.05) -->" in urdf.text
     assert ET.fromstring(urdf.text).tag == "robot"
     mujoco.MjModel.from_xml_string(mjcf.text)
 

@@ -189,6 +189,16 @@ def delivered(
 
 
 @compiled
+def tie(ties: Array, q: Array, dq: Array, asked: Array) -> None:
+    """Take off the torques that the motion asks for, shape (joints,), what joints pull on each other with; `ties` as a `FlatTree` has them."""
+    for index in range(len(ties)):
+        joint, other, ratio, stiffness, rest, damping = ties[index]
+        pull = -stiffness * (q[int(joint)] - ratio * q[int(other)] - rest) - damping * (dq[int(joint)] - ratio * dq[int(other)])
+        asked[int(joint)] -= pull
+        asked[int(other)] += ratio * pull
+
+
+@compiled
 def _followed(operation: int, numbers: Array, size: int, dt: float, command: Array, q: Array, dq: Array) -> None:
     """One effect with a hidden state along many motions, all arrays of shape (motions, steps), `command` changed in place."""
     memory = np.zeros(size)

@@ -22,8 +22,10 @@ from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 
-#: What effects on bodies and surroundings need no law for: they change masses, inertias, gravity or constant forces and nothing else.
-_OF_THE_MODEL = frozenset({"mass_scale", "inertia_scale", "com_offset", "payload", "attached_mass", "gravity", "external_force"})
+#: What effects on pairs of joints, bodies and surroundings need no law for: they change ties, masses, inertias, gravity or constant forces and nothing else.
+_OF_THE_MODEL = frozenset(
+    {"coupling_spring", "coupling_damping", "mass_scale", "inertia_scale", "com_offset", "payload", "attached_mass", "gravity", "external_force"}
+)
 
 
 class NotCovered(Exception):
@@ -160,7 +162,7 @@ def mass_matrices(tree: FlatTree, q: Array) -> Array:
 
 
 def inverse_dynamics(tree: FlatTree, q: Array, dq: Array, ddq: Array) -> Array:
-    """Joint torques, rotors and constant forces included, that give `ddq` at (`q`, `dq`); all of shape (..., joints)."""
+    """Joint torques, rotors, constant forces and ties included, that give `ddq` at (`q`, `dq`); all of shape (..., joints)."""
     flat, speeds = (np.ascontiguousarray(values, float).reshape(-1, len(tree)) for values in (q, dq))
     masses, biases = np.empty((len(flat), len(tree), len(tree))), np.empty(flat.shape)
     _dynamics(*_numbers(tree), flat, speeds, masses, biases)
@@ -173,8 +175,8 @@ def offered(tree: FlatTree) -> Array:
     return np.asarray(1 / np.diagonal(np.linalg.inv(mass_matrices(tree, np.zeros(len(tree))))))
 
 
-def _numbers(tree: FlatTree) -> tuple[Indices, Array, Array, Array]:
-    return tree.whole, tree.numbers, tree.pushes, tree.gravity
+def _numbers(tree: FlatTree) -> tuple[Indices, Array, Array, Array, Array]:
+    return tree.whole, tree.numbers, tree.pushes, tree.gravity, tree.ties
 
 
 @compiled
@@ -183,6 +185,7 @@ def _dynamics(
     joints: Array,
     pushes: Array,
     gravity: Array,
+    ties: Array,
     q: Array,
     dq: Array,
     masses: Array,
@@ -190,7 +193,7 @@ def _dynamics(
 ) -> None:
     room = workspace(len(whole))
     for index in range(len(q)):
-        dynamics(whole, joints, pushes, gravity, q[index], dq[index], room, masses[index], biases[index])
+        dynamics(whole, joints, pushes, gravity, ties, q[index], dq[index], room, masses[index], biases[index])
 
 
 @compiled
@@ -199,6 +202,7 @@ def _rolled(
     joints: Array,
     pushes: Array,
     gravity: Array,
+    ties: Array,
     stops: Array,
     operations: Indices,
     numbers: Array,
@@ -244,7 +248,7 @@ def _rolled(
             sane = True
             for _ in range(every):
                 _drive(spans, operations, numbers, tables, dt, u[window, row], q, dq, memory, right, most)
-                dynamics(whole, joints, pushes, gravity, q, dq, room, mass, spent)
+                dynamics(whole, joints, pushes, gravity, ties, q, dq, room, mass, spent)
                 _step(mass, spent, rubs, dt, q, dq, right, most, answer)
                 for joint in range(n):
                     # NaN is below neither.

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.predict.fast.laws import tie
 from mpge_bench.envs.compiled import compiled
 from mpge_bench.envs.dynamics import body_parameters
 from mpge_bench.envs.model import Model
@@ -38,6 +39,7 @@ class FlatTree:
         pushes: of each constant force the joint that carries its link, where it acts in that joint's frame, m, and what it is in the base's, N; shape
             (forces, 7).
         gravity: m/s², shape (3,).
+        ties: of each two joints that pull on each other their places in q, ratio, stiffness, rest and damping, as `Tie` has them; shape (ties, 6).
         stops: lowest and highest position of each joint, in the order of q, infinite where the model sets none; shape (joints, 2).
     """
 
@@ -45,6 +47,7 @@ class FlatTree:
     numbers: Array
     pushes: Array
     gravity: Array
+    ties: Array
     stops: Array
 
     def __len__(self) -> int:
@@ -93,6 +96,7 @@ def flat_tree(model: Model, joints: Sequence[str], rotors: Sequence[float], grav
         np.array(numbers, float),
         np.array(pushes, float).reshape(-1, 7),
         np.array(model.gravity or gravity, float),
+        np.array([(index[one.joint], index[one.other], one.ratio, one.stiffness, one.rest, one.damping) for one in model.ties], float).reshape(-1, 6),
         stops,
     )
 
@@ -137,11 +141,13 @@ def workspace(joints: int) -> Array:
 
 
 @compiled
-def dynamics(whole: Indices, numbers: Array, pushes: Array, gravity: Array, q: Array, dq: Array, room: Array, mass: Array, bias: Array) -> None:
-    """Mass matrix, rotors included, and the torques that hold the joints' speeds as they are, less the constant forces': into `mass` and `bias`.
+def dynamics(
+    whole: Indices, numbers: Array, pushes: Array, gravity: Array, ties: Array, q: Array, dq: Array, room: Array, mass: Array, bias: Array
+) -> None:
+    """Mass matrix, rotors included, and the torques that hold the joints' speeds as they are, less the constant forces' and ties': into `mass` and `bias`.
 
     Args:
-        whole, numbers, pushes, gravity: of a `FlatTree`.
+        whole, numbers, pushes, gravity, ties: of a `FlatTree`.
         q, dq: shape (joints,).
         room: of `workspace`.
     """
@@ -161,6 +167,7 @@ def dynamics(whole: Indices, numbers: Array, pushes: Array, gravity: Array, q: A
     for index in range(len(pushes)):
         _push(pushes, index, room)
     _gather(whole, numbers, room, mass, bias)
+    tie(ties, q, dq, bias)
 
 
 @compiled
