@@ -149,9 +149,7 @@ class ChooseSettings:
     significance: float = _setting(0.01, "probability", "a mismatch is reported below this probability of chance")
     beyond_noise: float = _setting(3.0, "times the noise", "what even so large a noise would not make is a mismatch: the noise is but estimated")
     least_chance: float = _setting(1e-6, "probability", "smaller ones rest on the shape of a distribution far out, and are said to be below it")
-    calm: float = _setting(
-        10.0, "standard deviations", "that half the physics step changes a prediction by: windows beyond miss much by chance, and say nothing by how much"
-    )
+    calm: float = _setting(10.0, "standard deviations", "that half the physics step changes a prediction by: windows beyond miss much by chance")
     material: float = _setting(0.01, "share of the sum of squares", "an effect that explains less changes no prediction by more than a tenth of the noise")
     coarse_material: float = _setting(0.1, "share of the sum of squares", "the same where both models miss much more than the noise, and for nameless curves")
     coarse: float = _setting(2.0, "times the noise", "what counts as much more than the noise for that")
@@ -273,7 +271,8 @@ class ReplaySettings:
     apart: int = _setting(30, "rows", "after which what is missed has forgotten what was put right, most of it within ten")
     leftover: float = _setting(0.01, "probability", "that as much as a model leaves is noise, below which more is looked for")
     told: float = _setting(1e-8, "squared scales of what is missed", "a parameter that moves a row by less when it doubles is not told")
-    draws: int = _setting(999, "draws", "of the permutation test for any mismatch")
+    significance: float = _setting(0.001, "probability", "a mismatch is reported below it: at .01 a hundred sources held against themselves alarm once")
+    draws: int = _setting(4999, "draws", "of the permutation test for any mismatch: tests count twice, and are to fall well below that")
     suspects: int = _setting(5, "hypotheses", "along which most more is missed than the source misses of its own, are held against all its sets")
     own_sets: int = _setting(8, "sets", "of the source's own transitions, each as many as the target's: they cost nothing, and tell how sets differ by chance")
     certain: float = _setting(1e-6, "probability", "what is said of a mismatch that shows without noise: the simulator repeats itself bit for bit")

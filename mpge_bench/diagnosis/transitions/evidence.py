@@ -86,12 +86,12 @@ def compared(target: Predictor, own: Predictor, hypotheses: Sequence[Hypothesis]
         return Comparison(replay.certain if differs else 1.0, differs, differs, 0.0, replay.exact, line)
     scale = replay.softness * scales_of(of_own, replay)
     p, bound = likeness(target, missed, own, of_own, replay)
-    if 2 * p >= settings.choose.significance:
+    if 2 * p >= replay.significance:
         p, bound = min((p, bound), _along(target, own, hypotheses, few, scale, workers, settings))
     p = min(2 * p, 1.0)
     explained = settings.verdict.explained * floor
     line = f"The source misses {floor:.3g} step spreads of its own transitions (median), and {np.mean(np.median(np.abs(missed), axis=0)):.3g} of the target's."
-    return Comparison(p, bound, p < settings.choose.significance, floor, explained, line)
+    return Comparison(p, bound, p < replay.significance, floor, explained, line)
 
 
 def likeness(target: Predictor, missed: Array, own: Predictor, of_own: Array, settings: ReplaySettings) -> tuple[float, bool]:
@@ -133,7 +133,7 @@ def _along(
 
     first, second = scored(hypotheses, own.stretches(few, replay.stretch))
     p = permuted(first, second, np.zeros(len(second), int), replay.draws)
-    if own.sets == 1 or 2 * p[0] >= settings.choose.significance:
+    if own.sets == 1 or 2 * p[0] >= replay.significance:
         return p
     apart = np.abs(first.mean(0) - second.mean(0)) / np.maximum(np.concatenate((first, second)).std(0), np.finfo(float).tiny)
     known = own.stretches(few * own.sets, replay.stretch)
