@@ -245,6 +245,12 @@ def diagnose(
             " and contacts and with --task. Many joints want more.",
         ),
     ] = None,
+    position: Annotated[float | None, typer.Option(min=1e-6, help="Limits of a next experiment: furthest from 0 that it may take any joint, rad or m.")] = None,
+    speed: Annotated[float | None, typer.Option(min=1e-6, help="The same: fastest that any joint may move, rad/s or m/s.")] = None,
+    command: Annotated[
+        float | None,
+        typer.Option(min=1e-6, help="The same: largest command, N m or N. [default of all three: 1.5 times what the recordings reached, within the effort]"),
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
 ) -> None:
@@ -265,16 +271,19 @@ def diagnose(
         return
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.diagnosis.experiment.motions import Stated
     from mpge_bench.diagnosis.pipeline import diagnose_files
     from mpge_bench.diagnosis.report.simulators import MODELS
+    from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
 
     assert rig is not None
     assert recording is not None
     if seconds is None:
         seconds = 75.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
-        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
-    models = [name for name in MODELS if (out / name).exists()]
+        stated = Stated(position, speed, command)
+        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)
+    models = [name for name in (*MODELS, NEXT_EXPERIMENT) if (out / name).exists()]
     _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *models]))
 
 
@@ -326,7 +335,8 @@ def excite(
     """
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig
-    from mpge_bench.excite import designed, limits_of, write
+    from mpge_bench.diagnosis.experiment.motions import limits_of
+    from mpge_bench.excite import designed, write
 
     believed = read_rig(rig)
     with ConsoleProgress() as progress:
