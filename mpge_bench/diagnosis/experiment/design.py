@@ -62,16 +62,18 @@ def designed(
     return _telling(problem, models, [one for one in looks if one is not None], limits, scale, workers, settings)
 
 
-def _rows(problem: Problem, settings: ExperimentSettings) -> int:
-    return round(settings.seconds / problem.rig.record_period)
+def _rows(problem: Problem, settings: ExperimentSettings) -> tuple[int, int]:
+    """Of a motion, and the fewest that it may be cut to."""
+    period = problem.rig.record_period
+    return round(settings.seconds / period), round(settings.shortest / period)
 
 
 def _most_telling(problem: Problem, limits: Limits, end: float, workers: Workers, settings: ExperimentSettings) -> Design:
     """The motion from which the parameters of the catalogue's effects would be known best."""
-    rows = _rows(problem, settings)
+    rows = _rows(problem, settings)[0]
     tries = workers.each(tried, (problem.rig, limits, rows, settings.seed), range(settings.draws), end)
     seen = [one for one in tries if one is not None]
-    said = NextExperiment("too_little_data", limits=_said(problem, limits), settings=dataclasses.asdict(settings))
+    said = NextExperiment("too_little_data", len(seen), limits=_said(problem, limits), settings=dataclasses.asdict(settings))
     if not seen:
         return Design(said)
     best = int(np.argmax([information(gram) for gram in in_one_unit(seen)[0]]))
@@ -103,15 +105,15 @@ def _telling(
         told &= np.array([not {*pair} <= alike for pair in pairs])
     classes = _classes(len(models), [pair for pair, is_told in zip(pairs, told, strict=True) if not is_told])
     names = _names(models)
-    said = NextExperiment(
-        "rivals", classes=tuple(tuple(names[one] for one in each) for each in classes), limits=_said(problem, limits), settings=dataclasses.asdict(settings)
-    )
+    named = tuple(tuple(names[one] for one in each) for each in classes)
+    said = NextExperiment("rivals", len(looks), classes=named, limits=_said(problem, limits), settings=dataclasses.asdict(settings))
     if len(classes) == 1:
         return Design(said)
     apart = [(one, other) for one, other in pairs if not any({one, other} <= {*each} for each in classes)]
     nearest = min(float(distances[best, pairs.index(pair)]) for pair in apart)
     shown = _shown(problem, names, looks[best], apart)
-    return Design(dataclasses.replace(said, seconds=settings.seconds, apart=nearest, **shown), looks[best].played[0].commands)
+    commands = looks[best].played[0].commands
+    return Design(dataclasses.replace(said, seconds=len(commands) * problem.rig.record_period, apart=nearest, **shown), commands)
 
 
 def _classes(count: int, alike: Sequence[Pair]) -> list[list[int]]:

@@ -23,6 +23,8 @@ _SLOWEST, _FASTEST = 0.1, 3.0
 _STEPS = (0.25, 1.0)
 #: A motion that goes beyond the limits is tried again with so much of its commands, so many times.
 _LESS, _TRIES = 0.75, 24
+#: Share of the motions of which the simulator's own motors hold the joints back: without, what has no rest position drifts away.
+_HELD = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,10 @@ class Played:
     dq: Array
     seen: tuple[Array, Array]
 
+    def first(self, rows: int) -> Played:
+        """The beginning."""
+        return Played(self.commands[:rows], self.q[:rows], self.dq[:rows], (self.seen[0][:rows], self.seen[1][:rows]))
+
 
 def limits_of(rig: Rig, position: float, speed: float, command: float | None) -> Limits:
     """Limits of a rig's joints; `command` is that of all driven joints, else each has its URDF file's effort.
@@ -100,22 +106,30 @@ def limits_reached(rig: Rig, recordings: Sequence[Recording], stated: Stated, be
     return Limits(position, most(speeds) if stated.speed is None else stated.speed, driven * np.where(efforts > 0, np.minimum(commands, efforts), commands))
 
 
-def motion(rig: Rig, limits: Limits, rows: int, seed: int, index: int, models: Sequence[Sequence[Effect]] = ((),)) -> list[Played] | None:
-    """What each of `models`, sets of effects, makes of motion number `index` of `seed`, as large as the limits allow in all of them; None if none is."""
+def motion(
+    rig: Rig, limits: Limits, rows: int, seed: int, index: int, models: Sequence[Sequence[Effect]] = ((),), least: int | None = None
+) -> list[Played] | None:
+    """What each of `models`, sets of effects, makes of motion number `index` of `seed`, as large as the limits allow in all of them; None if none is.
+
+    Args:
+        least: rows after which a motion that goes beyond the limits, however small, may be cut short; it has to stay within them throughout if None.
+    """
     rng = np.random.default_rng([seed, index])
     signals = np.stack([_signal(rng, rows, rig.record_period) for _ in rig.joints], 1) * limits.command
-    size = float(rng.uniform(0.5, 1.0))
+    size, held = float(rng.uniform(0.5, 1.0)), bool(rng.random() < _HELD)
+    longest: list[Played] = []
     for _ in range(_TRIES):
-        found = []
-        for effects in models:
-            one = played(rig, size * signals, effects, limits)
-            if one is None:
-                break
-            found.append(one)
-        else:
+        found = [played(rig, size * signals, models[0], limits, size * held)]
+        for effects in models[1:]:
+            found.append(played(rig, found[-1].commands, effects, limits))
+        # What the next model was given is what the one before got through.
+        stayed = len(found[-1].q)
+        if stayed == rows:
             return found
+        if stayed > (len(longest[0].q) if longest else (least or rows) - 1):
+            longest = [one.first(stayed) for one in found]
         size *= _LESS
-    return None
+    return longest or None
 
 
 def _signal(rng: np.random.Generator, rows: int, period: float) -> Array:
@@ -136,20 +150,30 @@ def _signal(rng: np.random.Generator, rows: int, period: float) -> Array:
     return np.asarray(found * np.minimum(time / _STEPS[0], 1.0))
 
 
-def played(rig: Rig, commands: Array, effects: Sequence[Effect] = (), limits: Limits | None = None) -> Played | None:
-    """What `rig` with `effects` makes of `commands`, shape (rows, joints); None as soon as that goes beyond `limits`."""
+def played(rig: Rig, commands: Array, effects: Sequence[Effect] = (), limits: Limits | None = None, held: float = 0.0) -> Played:
+    """What `rig` with `effects` makes of `commands`, shape (rows, joints), as far as that stays within `limits`.
+
+    Args:
+        held: share of the limit of a motor's torque with which it pulls back, besides, at the limit of position, and brakes at that of speed.
+    """
+    torque = np.array([rig.modes[joint] == "torque" for joint in rig.joints])
     world = rig.world(effects, substeps=max(1, round(rig.record_period / rig.timestep)))
     world.set_state(np.zeros(len(rig.joints)), np.zeros(len(rig.joints)))
     rows = []
-    for command in commands.tolist():
+    given = []
+    for command in commands:
         q, dq = world.q, world.dq
         # What is no number is within no limits.
         if limits is not None and not ((np.abs(q) <= limits.position).all() and (np.abs(dq) <= limits.speed).all()):
-            return None
+            break
+        if limits is not None and held:
+            back = held * torque * limits.command * (q / limits.position + dq / limits.speed)
+            command = np.clip(command - back, -limits.command, limits.command)
+        given.append(command)
         rows.append((q, dq, *world.read()))
-        world.step(command)
+        world.step(command.tolist())
     q, dq, *seen = (np.array(values) for values in zip(*rows, strict=True))
-    return Played(commands, q, dq, (seen[0], seen[1]))
+    return Played(np.array(given), q, dq, (seen[0], seen[1]))
 
 
 def commanded(rig: Rig, commands: Array) -> pd.DataFrame:

@@ -103,9 +103,13 @@ def fitted(problem: Problem, effects: Effects) -> Effects:
     return polished(problem, effects)[0].effects
 
 
-def looked(problem: Problem, models: Sequence[Effects], limits: Limits, rows: int, seed: int, index: int) -> Look | None:
-    """Motion number `index` of `seed`, by the simulator linearised about the first model; None if none within the limits is as large as that."""
-    found = motion(problem.rig, limits, rows, seed, index, models)
+def looked(problem: Problem, models: Sequence[Effects], limits: Limits, rows: tuple[int, int], seed: int, index: int) -> Look | None:
+    """Motion number `index` of `seed`, by the simulator linearised about the first model; None if none stays within the limits.
+
+    Args:
+        rows: of the motion, and the fewest that it may be cut to.
+    """
+    found = motion(problem.rig, limits, rows[0], seed, index, models, rows[1])
     return None if found is None else Look(tuple(found), products(along(problem, found[0], models[0]), models))
 
 

@@ -11,6 +11,7 @@ class ExperimentSettings:
 
     Attributes:
         seconds: s it lasts; as the recordings that are advised, long enough for slow and fast motion.
+        shortest: s to which it is cut where a rival would go beyond the limits later, as what nothing holds does.
         draws: motions that are tried, each a second or two in one process.
         seed: of their draw.
         beyond: times what the recordings reached of position, speed and command, up to which it goes where nobody states limits: no leap into what nobody
@@ -22,6 +23,7 @@ class ExperimentSettings:
     """
 
     seconds: float = 10.0
+    shortest: float = 2.0
     draws: int = 12
     seed: int = 0
     beyond: float = 1.5

@@ -24,6 +24,7 @@ class NextExperiment:
 
     Attributes:
         purpose: rivals, or too_little_data.
+        tried: motions that stay within the limits.
         seconds: that it lasts; 0 where no motion within the limits tells anything.
         classes: of rivals, the answer's first; those of one class no motion within the limits tells apart.
         apart: least distance between models of two classes, each at its best for old and new recordings together, standard deviations of the noise.
@@ -35,6 +36,7 @@ class NextExperiment:
     """
 
     purpose: str
+    tried: int
     seconds: float = 0.0
     classes: tuple[tuple[str, ...], ...] = ()
     apart: float | None = None
@@ -56,9 +58,9 @@ class NextExperiment:
     def lines(self) -> tuple[str, ...]:
         """For people."""
         alike = [f"No motion that was found within the limits tells {_or(one)} apart." for one in self.classes if len(one) > 1]
+        if not self.tried:
+            return ("Next experiment: none, as no motion from rest at 0 was found within the limits.",)
         if self.purpose == "too_little_data":
-            if not self.seconds:
-                return ("Next experiment: none, as no motion from rest at 0 was found within the limits.",)
             what = "the motion within the limits that would tell most about the effects of the catalogue"
             return (f"Next experiment: {NEXT_EXPERIMENT} ({self.seconds:g} s, from rest at 0), {what}; what it records comes first of the recordings.",)
         if not self.seconds:
