@@ -78,7 +78,9 @@ def _seen(rig: Rig, recording: Recording) -> Seen:
         best = int(np.argmax((changed**2).sum((1, 2))))
         start = one.starts[best]
         columns.append(changed[best].ravel())
-        sizes.append(abs(parameters_of(start)[0] - float(rig.absent((start,))[0])))
+        away = np.abs(parameters_of(start) - rig.absent((start,)))
+        # Of a start that leaves the first parameter where it is, the others say how large it is.
+        sizes.append(float(away[0] or np.linalg.norm(away)))
         effects.append(start)
     matrix = np.array(columns)
     return Seen(recording.u, matrix @ matrix.T, np.array(sizes), tuple(effects))
