@@ -13,6 +13,7 @@ import pandas as pd
 from mpge_bench.diagnosis.data.motion import differentiate
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, mechanism
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 
@@ -156,24 +157,46 @@ def played(rig: Rig, commands: Array, effects: Sequence[Effect] = (), limits: Li
     Args:
         held: share of the limit of a motor's torque with which it pulls back, besides, at the limit of position, and brakes at that of speed.
     """
-    torque = np.array([rig.modes[joint] == "torque" for joint in rig.joints])
-    world = rig.world(effects, substeps=max(1, round(rig.record_period / rig.timestep)))
+    every, n = max(1, round(rig.record_period / rig.timestep)), len(rig.joints)
+    if held:
+        return _stepped(rig, commands, effects, limits, held, every)
+    try:
+        path = mechanism(rig, effects).roll(np.zeros((1, 2 * n)), commands[None], every=every, unstable=math.inf)[0, :-1]
+    except NotCovered:
+        return _stepped(rig, commands, effects, limits, held, every)
+    q, dq = path[:, :n], path[:, n:]
+    beyond = ~_within(q, dq, limits)
+    rows = int(np.argmax(beyond)) if beyond.any() else len(path)
+    seen = q.copy(), dq.copy()
+    for effect in rig.chain(effects):
+        if effect.on == "sensor":
+            effect.sense(*seen, rig.joints.index(effect.target), every * rig.timestep)
+    return Played(commands, q, dq, seen).first(rows)
+
+
+def _within(q: Array, dq: Array, limits: Limits | None) -> Array:
+    """Whether joints are within `limits`; what is no number is within none."""
+    bounds = (math.inf, math.inf) if limits is None else (limits.position, limits.speed)
+    return np.asarray((np.abs(q) <= bounds[0]).all(-1) & (np.abs(dq) <= bounds[1]).all(-1))
+
+
+def _stepped(rig: Rig, commands: Array, effects: Sequence[Effect], limits: Limits | None, held: float, every: int) -> Played:
+    """`played`, in PyBullet."""
+    world = rig.world(effects, substeps=every)
     world.set_state(np.zeros(len(rig.joints)), np.zeros(len(rig.joints)))
+    motors = np.array([rig.modes[joint] == "torque" for joint in rig.joints])
     rows = []
-    given = []
     for command in commands:
         q, dq = world.q, world.dq
-        # What is no number is within no limits.
-        if limits is not None and not ((np.abs(q) <= limits.position).all() and (np.abs(dq) <= limits.speed).all()):
+        if not _within(q, dq, limits):
             break
         if limits is not None and held:
-            back = held * torque * limits.command * (q / limits.position + dq / limits.speed)
+            back = held * motors * limits.command * (q / limits.position + dq / limits.speed)
             command = np.clip(command - back, -limits.command, limits.command)
-        given.append(command)
-        rows.append((q, dq, *world.read()))
+        rows.append((command, q, dq, *world.read()))
         world.step(command.tolist())
-    q, dq, *seen = (np.array(values) for values in zip(*rows, strict=True))
-    return Played(np.array(given), q, dq, (seen[0], seen[1]))
+    given, q, dq, *seen = (np.array(values) for values in zip(*rows, strict=True))
+    return Played(given, q, dq, (seen[0], seen[1]))
 
 
 def commanded(rig: Rig, commands: Array) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.experiment.design import _classes, _names
 from mpge_bench.diagnosis.experiment.motions import played
 from mpge_bench.diagnosis.experiment.settings import DEFAULT
-from mpge_bench.envs.effects import CoulombFriction, Delay, Effect, Gravity, Lag, ViscousFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, ViscousFriction
 
 from ..conftest import write_case
 
@@ -50,8 +50,8 @@ def test_rivals_are_told_apart_within_the_limits(tmp_path: Path, in_process: Cal
 
 
 def test_what_no_motion_tells_is_said_and_no_file_is_left(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
-    """On a pendulum a tilted base, a shifted centre of mass and an offset sensor are one."""
-    write_case(tmp_path, [Gravity("world", (-0.784, 0.0, -9.779))], recordings=3, seconds=3.0)
+    """On a single joint a rotor and a larger inertia of its link are one."""
+    write_case(tmp_path, [Armature("hinge", 0.03)], recordings=3, seconds=3.0)
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "next_experiment.csv").write_text("of an earlier diagnosis")
     text, data = asked(in_process, tmp_path)
