@@ -1,10 +1,9 @@
 """Whether the experiment that a diagnosis asks for leaves one answer, the true one: on concealed cases that come out ambiguous, beside a random motion.
 
 Cases are those of `concealed make` with one effect of the catalogue, on mechanisms of one or two joints with a motor; what is given of them are four
-recordings of 5 s, their motion .15 to .6 times as large as usual, so that many come out ambiguous. Of these the designed commands are played in the hidden
+recordings of 3 s, their motion .08 to .35 times as large as usual, so that many come out ambiguous. Of these the designed commands are played in the hidden
 system, in MuJoCo, with noise of its own, and what was recorded is given beside the four, first; and so is, by itself, a random motion of the same length and
-within the same limits. Where no motion would tell, nothing is
-played.
+within the same limits. Where no motion would tell, nothing is played.
 
     python benchmarks/next_experiment.py run --cases 120 --out runs/next_experiment
     python benchmarks/next_experiment.py table --out runs/next_experiment
@@ -40,7 +39,7 @@ from mpge_bench.files import write_text
 #: Mechanisms that can be driven, and that a diagnosis takes seconds with.
 MECHANISMS = {"pend", "arm2", "cart", "servo2"}
 #: Rows of the recordings that are given, and how large their motion is: shares of the usual one.
-ROWS, QUIET = 500, (0.15, 0.6)
+ROWS, QUIET = 300, (0.08, 0.35)
 #: rad or m, and rad/s or m/s; of targets rad, and of torques more than any motor's effort, which then is the limit.
 POSITION, SPEED, TARGET, TORQUE = 1.5, 8.0, 1.5, 1e3
 #: s of each diagnosis.

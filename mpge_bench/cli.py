@@ -233,7 +233,7 @@ def diagnose(
     transitions: Annotated[
         Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
+    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html, corrected.yaml and, at need, next_experiment.csv.")] = Path("report"),
     horizon: Annotated[
         float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s; of free bodies and contacts always 0.1.")
     ] = 0.5,
@@ -263,6 +263,8 @@ def diagnose(
     Several recordings of different motion (fast and slow, with reversals and standstills, every joint moved) tell most. The corrected rig is a rig again:
     `simulate` and `diagnose` take it; corrected.urdf and corrected.xml (MuJoCo) hold as much of it as they can, and say what they cannot. Of a pair the
     source is corrected: corrected.yaml is a pair again, which `run` and `diagnose` take.
+    Where recordings of a mechanism leave several answers, or too little data is there, next_experiment.csv has commands (time, u_JOINT) that would tell them
+    apart, within your limits; give what they record as the first --recording.
     """
     if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
         raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")

@@ -165,8 +165,8 @@ def played(rig: Rig, commands: Array, effects: Sequence[Effect] = (), limits: Li
     except NotCovered:
         return _stepped(rig, commands, effects, limits, held, every)
     q, dq = path[:, :n], path[:, n:]
-    beyond = ~_within(q, dq, limits)
-    rows = int(np.argmax(beyond)) if beyond.any() else len(path)
+    beyond = np.flatnonzero(~_within(q, dq, limits))
+    rows = int(beyond[0]) if len(beyond) else len(path)
     seen = q.copy(), dq.copy()
     for effect in rig.chain(effects):
         if effect.on == "sensor":
@@ -174,7 +174,7 @@ def played(rig: Rig, commands: Array, effects: Sequence[Effect] = (), limits: Li
     return Played(commands, q, dq, seen).first(rows)
 
 
-def _within(q: Array, dq: Array, limits: Limits | None) -> Array:
+def _within(q: Array, dq: Array, limits: Limits | None) -> npt.NDArray[np.bool_]:
     """Whether joints are within `limits`; what is no number is within none."""
     bounds = (math.inf, math.inf) if limits is None else (limits.position, limits.speed)
     return np.asarray((np.abs(q) <= bounds[0]).all(-1) & (np.abs(dq) <= bounds[1]).all(-1))

@@ -157,13 +157,13 @@ def along(problem: Problem, played: Played, effects: Effects) -> LinearFitter:
 def _posed(problem: Problem, played: Played) -> Problem:
     """What the motion that was `played` asks, seen by sensors as noisy as the `problem` has them."""
     rig, settings = problem.rig, problem.settings
-    recording = Recording(rig.path, rig.record_period * np.arange(len(played.q)), played.commands, *played.seen)
+    recording = Recording(rig.path, np.asarray(rig.record_period * np.arange(len(played.q))), played.commands, *played.seen)
     seen = motion_of([recording], rig, settings)
     state = np.concatenate((played.q, played.dq), 1)[None, :: seen.stride]
     linear = LinearisedSimulator(rig, replace(seen, state=state, sigma=problem.sigma))
     windows = windows_of(linear.motion, problem.horizon)
     measured = replace(problem.measurements, recordings=(recording,))
-    # All that chooses nothing may be fitted to, but for one window: means of none are no number.
+    # Nothing is chosen by it, and all may be fitted to but for one window, since a mean of none is no number.
     validation = np.arange(len(windows.start)) == len(windows.start) - 1
     return replace(problem, measurements=measured, linear=linear, windows=windows, validation=validation)
 
