@@ -1,7 +1,8 @@
 """Whether the experiment that a diagnosis asks for leaves one answer, the true one: on concealed cases that come out ambiguous, beside a random motion.
 
 Cases are those of `concealed make` with one effect of the kinds below, on mechanisms of one or two joints with a motor; what is given of them are four
-recordings of 3 s by loud sensors, their motion .2 to .7 times as large as usual, so that many come out ambiguous. Of these the designed commands are played in the hidden
+recordings of 3 s by loud sensors, their motion .2 to .7 times as large as usual, so that many come out ambiguous. Diagnosed are those of which the hidden
+effect, fitted to what is given, may be taken for another. Of these the designed commands are played in the hidden
 system, in MuJoCo, with noise of its own, and what was recorded is given beside the four, first; and so is, by itself, a random motion of the same length and
 within the same limits. Where no motion would tell, nothing is played.
 
@@ -30,10 +31,23 @@ from mpge_bench.concealed.draw import drawn, key_of
 from mpge_bench.concealed.make import make, play
 from mpge_bench.concealed.mechanism import Case
 from mpge_bench.concealed.summary import wilson
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.twins import twins
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.parts import parted
+from mpge_bench.diagnosis.data.recording import find_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.experiment.motions import Limits, Stated, motion
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.pipeline import diagnose_files
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.verdict.confusions import mistaken
 from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
+from mpge_bench.envs.effects import effect_from_dict
 from mpge_bench.files import write_text
 
 #: Mechanisms that can be driven, and that a diagnosis takes seconds with.
@@ -75,11 +89,13 @@ def table(out: Annotated[Path, typer.Option(help="Folder of `run`.")] = Path("ru
     """Print the cases and figures, and write rows.csv."""
     rows = pd.DataFrame([json.loads(path.read_text()) for path in sorted((out / "rows").glob("*.json"))])
     rows.to_csv(out / "rows.csv", index=False)
-    rows = rows[rows["outcome"] != "not drawn"]
+    counts = rows["outcome"].value_counts()
+    _console.print("; ".join(f"{name} {count}" for name, count in counts.items()))
+    rows = rows[~rows["outcome"].isin(["not drawn", "told by itself"])]
     ambiguous = rows[rows["outcome"] == "ambiguous"]
     shown = ambiguous.reindex(columns=["case", "mechanism", "truth", "answers", "designed", "designed_answers", "random_answers"]).astype(object).fillna("")
     _console.print(shown.to_string(index=False), markup=False, soft_wrap=True)
-    _console.print(f"{len(rows)} cases, {len(ambiguous)} of them ambiguous; of these the truth was among the answers in {ambiguous['listed'].sum()}")
+    _console.print(f"{len(rows)} cases diagnosed, {len(ambiguous)} of them ambiguous; of these the truth was among the answers in {ambiguous['listed'].sum()}")
     groups = {"all that is ambiguous": ambiguous, "every rival said to be told apart": ambiguous[ambiguous["designed"] == "all"]}
     groups |= {"no motion found within the limits": ambiguous[ambiguous["designed"] == "no motion"]}
     groups |= {"some of them": ambiguous[ambiguous["designed"] == "some"], "none: no experiment": ambiguous[ambiguous["designed"] == "none"]}
@@ -114,6 +130,8 @@ def studied(seed: int, index: int, out: Path) -> dict[str, Any]:
         return row | {"outcome": "not drawn"}
     given = out / "given" / case.name
     rig = read_rig(given / "rig.yaml")
+    if not _may_be_taken_for_another(rig, given, case):
+        return row | {"outcome": "told by itself"}
     first = _diagnosed(given, [], given / "first")
     row |= {"answers": _told(first), "listed": frozenset([(case.effects[0].kind, case.effects[0].target)]) in first}
     if len(first) < 2:
@@ -134,6 +152,18 @@ def studied(seed: int, index: int, out: Path) -> dict[str, Any]:
         if one is not None:
             row |= _again(case, seed, given, name, one, said_of["classes"])
     return row
+
+
+def _may_be_taken_for_another(rig: Rig, given: Path, case: Case) -> bool:
+    """Whether the recordings in `given` do not tell what is hidden, fitted to them, from everything else in the catalogue."""
+    parts = parted(measurements(rig, read_recordings(find_recordings([str(given / "train_*.csv")]), rig)))
+    linear = reference(rig, parts.searched.recordings)
+    posed = problem(parts.searched, linear, DEFAULT.predict.horizon)
+    with Workers(1) as workers:
+        trials = Trials(posed, candidates(rig, scales(linear)), nominal(posed), workers, Clock.started(SECONDS, DEFAULT.choose))
+        hidden = effect_from_dict({"effect": case.effects[0].kind, "target": case.effects[0].target, **case.effects[0].values})
+        model = trials.add(trials.polished([(hidden,)])[0][0])
+        return any(mistaken(one) >= DEFAULT.verdict.confused for one in twins(trials, model))
 
 
 def _again(case: Case, seed: int, given: Path, name: str, commands: Any, classes: list[list[str]]) -> dict[str, Any]:
