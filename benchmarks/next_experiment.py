@@ -1,10 +1,10 @@
 """Whether the experiment that a diagnosis asks for leaves one answer, the true one: on concealed cases that come out ambiguous, beside a random motion.
 
 Cases are those of `concealed make` with one effect of the kinds below, on mechanisms of one or two joints with a motor; what is given of them are four
-recordings of 3 s by loud sensors, their motion .2 to .7 times as large as usual, so that many come out ambiguous. Diagnosed are those of which the hidden
-effect, fitted to what is given, may be taken for another. Of these the designed commands are played in the hidden
-system, in MuJoCo, with noise of its own, and what was recorded is given beside the four, first; and so is, by itself, a random motion of the same length and
-within the same limits. Where no motion would tell, nothing is played.
+recordings of 3 s by loud sensors, their motion smaller than usual, so that many come out ambiguous. Diagnosed are those of which the hidden effect, fitted to
+what is given, may be taken for another. Of these the designed commands are played in the hidden system, in MuJoCo, with noise of its own, and what was recorded
+is given beside the four, first; and so is, by itself, a random motion of the same length and within the same limits. Where no motion would tell, nothing is
+played.
 
     python benchmarks/next_experiment.py run --cases 120 --out runs/next_experiment
     python benchmarks/next_experiment.py table --out runs/next_experiment
@@ -57,8 +57,8 @@ MECHANISMS = {"pend", "arm2", "cart", "servo2"}
 KINDS = {"torque_gain", "torque_bias", "torque_limit", "back_emf_limit", "dead_zone", "delay", "lag", "viscous_friction", "air_drag", "coulomb_friction"}
 KINDS |= {"stribeck_friction", "load_friction", "joint_spring", "payload", "mass_scale", "external_force", "gravity"}
 KINDS |= {"sensor_bias", "sensor_scale", "sensor_delay"}
-#: Rows of the recordings that are given, and how large their motion is: shares of the usual one.
-ROWS, QUIET = 300, (0.2, 0.7)
+#: Of the recordings that are given.
+ROWS = 300
 #: rad or m, and rad/s or m/s; of targets rad, and of torques more than any motor's effort, which then is the limit.
 POSITION, SPEED, TARGET, TORQUE = 1.5, 8.0, 1.5, 1e3
 #: s of each diagnosis.
@@ -74,6 +74,8 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for cases, diagnoses and rows.")] = Path("runs/next_experiment"),
     cases: Annotated[int, typer.Option(min=1, help="That are drawn; a third of them have one effect and such a mechanism.")] = 120,
     seed: Annotated[int, typer.Option(min=0)] = 0,
+    least: Annotated[float, typer.Option(help="Size of the motion that is given, as a share of the usual one: drawn evenly from here")] = 0.2,
+    most: Annotated[float, typer.Option(help="to here.")] = 0.7,
 ) -> None:
     """Draw, diagnose, play and diagnose again."""
     mujoco.set_mju_user_warning(lambda text: None)
@@ -81,7 +83,7 @@ def run(
         row = out / "rows" / f"{seed}_{index:04d}.json"
         if not row.exists():
             row.parent.mkdir(parents=True, exist_ok=True)
-            write_text(row, json.dumps({"seed": seed, **studied(seed, index, out / f"seed{seed}")}))
+            write_text(row, json.dumps({"seed": seed, **studied(seed, index, (least, most), out / f"seed{seed}")}))
 
 
 @app.command()
@@ -115,7 +117,7 @@ def _share(rows: pd.DataFrame, column: str) -> str:
     return f"{int(sum(found))} of {len(found)} ({100 * low:.0f} to {100 * high:.0f}%)"
 
 
-def studied(seed: int, index: int, out: Path) -> dict[str, Any]:
+def studied(seed: int, index: int, sizes: tuple[float, float], out: Path) -> dict[str, Any]:
     """The row of one case."""
     case = drawn(seed, index)
     hidden = said([(one.kind, one.target) for one in case.effects])
@@ -125,7 +127,7 @@ def studied(seed: int, index: int, out: Path) -> dict[str, Any]:
     case = replace(case, options=["loud", *(one for one in case.options if one in ("told", "damped", "si"))])
     rng = np.random.default_rng([*key_of(seed, case.name), 2])
     try:
-        make(case, out, seed, size=float(rng.uniform(*QUIET)), rows=ROWS)
+        make(case, out, seed, size=float(rng.uniform(*sizes)), rows=ROWS)
     except RuntimeError:
         return row | {"outcome": "not drawn"}
     given = out / "given" / case.name
