@@ -233,7 +233,7 @@ def diagnose(
     transitions: Annotated[
         Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and corrected.yaml.")] = Path("report"),
+    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html, corrected.yaml and, at need, next_experiment.csv.")] = Path("report"),
     horizon: Annotated[
         float, typer.Option(min=0.05, help="How far ahead predictions of recordings are judged, s; of free bodies and contacts always 0.1.")
     ] = 0.5,
@@ -244,6 +244,12 @@ def diagnose(
             help="Time budget: about when it is up the best answer so far is given; 75 with recordings of mechanisms, 300 with those of free bodies"
             " and contacts and with --task. Many joints want more.",
         ),
+    ] = None,
+    position: Annotated[float | None, typer.Option(min=1e-6, help="Limits of a next experiment: furthest from 0 that it may take any joint, rad or m.")] = None,
+    speed: Annotated[float | None, typer.Option(min=1e-6, help="The same: fastest that any joint may move, rad/s or m/s.")] = None,
+    command: Annotated[
+        float | None,
+        typer.Option(min=1e-6, help="The same: largest command, N m or N. [default of all three: 1.5 times what the recordings reached, within the effort]"),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
@@ -257,6 +263,8 @@ def diagnose(
     Several recordings of different motion (fast and slow, with reversals and standstills, every joint moved) tell most. The corrected rig is a rig again:
     `simulate` and `diagnose` take it; corrected.urdf and corrected.xml (MuJoCo) hold as much of it as they can, and say what they cannot. Of a pair the
     source is corrected: corrected.yaml is a pair again, which `run` and `diagnose` take.
+    Where recordings of a mechanism leave several answers, or too little data is there, next_experiment.csv has commands (time, u_JOINT) that would tell them
+    apart, within your limits; give what they record as the first --recording.
     """
     if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
         raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")
@@ -265,16 +273,19 @@ def diagnose(
         return
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.diagnosis.experiment.motions import Stated
     from mpge_bench.diagnosis.pipeline import diagnose_files
     from mpge_bench.diagnosis.report.simulators import MODELS
+    from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
 
     assert rig is not None
     assert recording is not None
     if seconds is None:
         seconds = 75.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
-        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress)
-    models = [name for name in MODELS if (out / name).exists()]
+        stated = Stated(position, speed, command)
+        found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)
+    models = [name for name in (*MODELS, NEXT_EXPERIMENT) if (out / name).exists()]
     _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *models]))
 
 
@@ -326,7 +337,8 @@ def excite(
     """
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig
-    from mpge_bench.excite import designed, limits_of, write
+    from mpge_bench.diagnosis.experiment.motions import limits_of
+    from mpge_bench.excite import designed, write
 
     believed = read_rig(rig)
     with ConsoleProgress() as progress:

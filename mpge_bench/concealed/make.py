@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from pathlib import Path
 
 import mujoco
@@ -24,8 +25,12 @@ MANIFEST = "cases.json"
 KINDS = {"train_00": "sines", "train_01": "steps", "train_02": "closed", "train_03": "noise", "test_00": "sines", "test_01": "closed"}
 
 
-def make(case: Case, out: Path, seed: int) -> list[float]:
+def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROWS) -> list[float]:
     """Write one case; returns how far its effect can be seen, and the largest q and dq.
+
+    Args:
+        size: share of the usual motion's.
+        rows: of each recording, at most.
 
     Raises:
         RuntimeError: if the simulation is unstable.
@@ -47,9 +52,8 @@ def make(case: Case, out: Path, seed: int) -> list[float]:
     channels = ["u", *noise]
     header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
     for k, (name, kind) in enumerate(KINDS.items()):
-        rows, clean = _recorded(rig, effects, sensors, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]))
-        table = np.column_stack([np.arange(ROWS) * PERIOD, rows[:, : len(channels)].reshape(ROWS, -1)])
-        np.savetxt(folders[name.split("_")[0]] / f"{name}.csv", table, fmt="%.6g", delimiter=",", header=header, comments="")
+        read, clean = _recorded(rig, effects, sensors, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]), size)
+        _write(folders[name.split("_")[0]] / f"{name}.csv", header, read[:rows, : len(channels)])
         errors.append(missed(rig, clean))
         peaks.append(np.abs(clean[:, 1:]).max((0, 2)))
     answers = [{"effect": e.kind, "target": e.target, "catalogued": e.kind not in UNCATALOGUED, "value": e.values} for e in effects]
@@ -57,6 +61,33 @@ def make(case: Case, out: Path, seed: int) -> list[float]:
     label = {"effects": answers, "noise_q": noise["q"], "noise_dq": noise.get("dq")}
     write_text(folders["test"] / "label.yaml", yaml.safe_dump(label, sort_keys=False))
     return [visibility(np.concatenate(errors), sensors), *np.max(peaks, axis=0).tolist()]
+
+
+def play(case: Case, seed: int, commands: Array, path: Path) -> float:
+    """Have the concealed system play `commands`, shape (rows, joints), from rest at 0, and write to `path` what its sensors say; the largest position.
+
+    Raises:
+        RuntimeError: if the simulation is unstable.
+    """
+    key = key_of(seed, case.name)
+    rng = np.random.default_rng(key)
+    rig = Rig(case, rng)
+    effects = absolute(case, rig, rng)
+    sensors = Sensors(case, effects, rig.joints)
+    held = np.concatenate((commands, np.repeat(commands[-1:], ROWS - len(commands), 0)))
+    # Other noise than that of any other recording.
+    noise = np.random.default_rng([*key, zlib.crc32(commands.tobytes())])
+    read, clean = Truth(rig, effects).record(lambda row, q, w: held[row], np.zeros((2, len(rig.links))), sensors, noise)
+    channels = ["u", "q", "dq"][: 3 if sensors.has_dq else 2]
+    header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
+    _write(path, header, read[: len(commands), : len(channels)])
+    return float(np.abs(clean[: len(commands), 1]).max())
+
+
+def _write(path: Path, header: str, rows: Array) -> None:
+    """A recording of `rows`, shape (rows, channels, joints)."""
+    table = np.column_stack([np.arange(len(rows)) * PERIOD, rows.reshape(len(rows), -1)])
+    np.savetxt(path, table, fmt="%.6g", delimiter=",", header=header, comments="")
 
 
 def _belief(rig: Rig) -> Values:
@@ -67,11 +98,16 @@ def _belief(rig: Rig) -> Values:
     return {"robot": "robot.urdf", "base": "fixed", "gravity": list(GRAVITY), "timestep": 0.001, "record_period": PERIOD, "joints": modes}
 
 
-def _recorded(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Rows of u, q and dq under commands of one kind, as recorded and as they would be without noise; no joint goes round."""
+def _recorded(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng: np.random.Generator, size: float) -> tuple[Array, Array]:
+    """Rows of u, q and dq under commands of one kind, as recorded and as they would be without noise; no joint goes round.
+
+    Args:
+        size: share of the usual motion's.
+    """
     start = rng.uniform(-1, 1, (2, len(rig.links))) * (0.6 if rig.driven.any() else 1.5)
     start[1] *= not any(sensors.late)
     commands = Commands(rig, kind, rng, start)
+    start, commands.signals = start * size, commands.signals * size
     for _ in range(6):
         rows, clean = Truth(rig, effects).record(commands, start, sensors, rng)
         if np.abs(clean[:, 1]).max() < 2.8:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -98,7 +99,7 @@ class Truth:
             elif effect.kind == "armature":
                 self.model.dof_armature[rig.joints.index(effect.target)] = effect.values["inertia"]
 
-    def record(self, commands: Commands, start: Array, sensors: Sensors, rng: np.random.Generator) -> tuple[Array, Array]:
+    def record(self, commands: Callable[[int, Array, Array], Array], start: Array, sensors: Sensors, rng: np.random.Generator) -> tuple[Array, Array]:
         """Rows of command, q and dq, as recorded and as they would be without noise."""
         model, data = self.model, self.data
         data.qpos[:], data.qvel[:] = start

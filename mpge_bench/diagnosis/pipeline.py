@@ -1,6 +1,6 @@
 """From a rig and recordings to a verdict: the stages in their order, each from a frozen value to a frozen value.
 
-data -> predict -> hypotheses -> fit -> choose -> verdict -> report
+data -> predict -> hypotheses -> fit -> choose -> verdict -> experiment -> report
 """
 
 from __future__ import annotations
@@ -8,10 +8,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+import numpy.typing as npt
 import yaml
 
 from mpge_bench.diagnosis.choose.choice import choose
@@ -19,8 +21,10 @@ from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.parts import parted
-from mpge_bench.diagnosis.data.recording import Recording, find_recordings
+from mpge_bench.diagnosis.data.recording import Recording, find_recordings, write_table
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.experiment.design import Bounds, designed
+from mpge_bench.diagnosis.experiment.motions import Stated, commanded
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.free.pipeline import diagnose_free
 from mpge_bench.diagnosis.free.predicted import predicted
@@ -31,9 +35,13 @@ from mpge_bench.diagnosis.report.page import report_html
 from mpge_bench.diagnosis.report.simulators import MODELS, beside_report
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
+from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
 from mpge_bench.files import write_text
+
+#: Of an experiment that goes by what the recordings reached.
+NO_LIMITS = Stated()
 
 
 class Progress(Protocol):
@@ -51,11 +59,13 @@ class Diagnosis:
         result: what is said.
         effects: chosen, with fitted parameters.
         corrected: the content of corrected.yaml, its robot path absolute.
+        commands: of the next experiment, shape (rows, joints), if there is one.
     """
 
     result: DiagnosisResult
     effects: tuple[Effect, ...]
     corrected: dict[str, Any]
+    commands: npt.NDArray[np.float64] | None = None
 
     @property
     def summary(self) -> tuple[str, ...]:
@@ -77,6 +87,7 @@ def diagnose(
     jobs: int = 1,
     progress: Progress | None = None,
     settings: DiagnosisSettings = DEFAULT,
+    stated: Stated = NO_LIMITS,
 ) -> Diagnosis:
     """Compare `rig` with `recordings`: locate the mismatch, choose the effects that explain it, judge the confidence.
 
@@ -84,6 +95,7 @@ def diagnose(
         horizon: how far ahead predictions are judged, s; of what moves freely or touches something always a window of the settings.
         seconds: time budget; the best answer so far is given when it is up.
         jobs: processes.
+        stated: limits of the next experiment; those that are not go by what the recordings reached.
 
     Raises:
         UserError: if the nominal simulation is unstable.
@@ -106,7 +118,10 @@ def diagnose(
         posed = problem(measured, linear, horizon, clock.deadline)
         choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
         result, effects = conclude(choice, parts, clock)
-    return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))
+        design = designed(choice, result.verdict, effects, Bounds(stated, clock.end), workers)
+    if design is not None:
+        result = replace(result, summary=(*result.summary, *design.said.lines), next_experiment=design.said)
+    return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())), None if design is None else design.commands)
 
 
 def simulated(rig: Rig, recording: Recording, horizon: float) -> Recording:
@@ -128,15 +143,16 @@ def diagnose_files(
     jobs: int = 2,
     progress: Progress | None = None,
     settings: DiagnosisSettings = DEFAULT,
+    stated: Stated = NO_LIMITS,
 ) -> Diagnosis:
-    """`diagnose` on files; writes diagnosis.json, report.html, corrected.yaml and what `beside_report` makes to `out`, all at the end and each at once.
+    """`diagnose` on files; writes diagnosis.json, report.html, corrected.yaml, what `beside_report` makes and next_experiment.csv, all at the end.
 
     Raises:
         UserError: if a file cannot be used; nothing has been written then.
     """
     rig = read_rig(rig_path)
     recordings = read_recordings(find_recordings(patterns), rig, settings.data)
-    found = diagnose(rig, recordings, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, settings=settings)
+    found = diagnose(rig, recordings, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, settings=settings, stated=stated)
     out.mkdir(parents=True, exist_ok=True)
     robot = os.path.relpath(rig.model.path.resolve(), out.resolve())
     texts = {
@@ -148,6 +164,8 @@ def diagnose_files(
     for name, text in texts.items():
         write_text(out / name, text)
     # Those of an earlier diagnosis are none of this one's.
-    for name in set(MODELS) - set(texts):
+    for name in {*MODELS, NEXT_EXPERIMENT} - set(texts):
         (out / name).unlink(missing_ok=True)
+    if found.commands is not None:
+        write_table(commanded(rig, found.commands), out / NEXT_EXPERIMENT)
     return found

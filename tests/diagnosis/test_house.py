@@ -20,7 +20,7 @@ from mpge_bench.envs.effects import CATALOGUE, Effect, Hidden, Parameter, Scale
 
 HOUSE = Path(mpge_bench.diagnosis.__file__).parent
 #: Each may import from those before it, and from settings.
-STAGES = ("data", "predict", "hypotheses", "fit", "choose", "verdict", "report")
+STAGES = ("data", "predict", "hypotheses", "fit", "choose", "verdict", "experiment", "report")
 MODULES = sorted(HOUSE.rglob("*.py"))
 
 

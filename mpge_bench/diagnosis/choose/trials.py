@@ -28,10 +28,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Clock:
-    """When the search began and when it is to begin nothing new, s of the monotonic clock."""
+    """When the search began, when it is to begin nothing new, and when all is to be said, s of the monotonic clock."""
 
     begun: float
     deadline: float
+    end: float = math.inf
 
     @classmethod
     def started(cls, seconds: float | None, settings: ChooseSettings) -> Clock:
@@ -40,7 +41,7 @@ class Clock:
         if seconds is None:
             return cls(begun, math.inf)
         reserve = max(settings.reserved * seconds, min(settings.reserved_least, settings.reserved_most * seconds))
-        return cls(begun, begun + seconds - reserve)
+        return cls(begun, begun + seconds - reserve, begun + seconds)
 
     @property
     def late(self) -> bool:

@@ -167,7 +167,7 @@ class LinearFitter:
         first, settings = values_of(effects), self.settings
         evaluations = evaluations or settings.evaluations
         if not len(first):
-            return Fit(tuple(effects), self.residuals(effects), np.zeros((0, *self._raw.shape)))
+            return self.at(effects)
         low, high = limits_of(effects)
         size = sizes_of(effects)
         step = np.array([step for effect in effects for step in steps_of(effect)])
@@ -204,6 +204,13 @@ class LinearFitter:
         wanted[fit.size :] -= forgiven.sizes
         gram = np.einsum("awk,bwk->ab", unknown[:, self.train], unknown[:, self.train]) + np.diag(prior)
         return np.asarray(np.linalg.solve(gram, wanted)[: fit.size] * size)
+
+    def at(self, effects: Sequence[Effect]) -> Fit:
+        """What `effects` leave as they are, and how the prediction changes with their parameters."""
+        if not len(values_of(effects)):
+            return Fit(tuple(effects), self.residuals(effects), np.zeros((0, *self._raw.shape)))
+        size, step = sizes_of(effects), np.array([step for effect in effects for step in steps_of(effect)])
+        return self._at(effects, values_of(effects) / size, size, step, limits_of(effects)[1])
 
     def _at(self, effects: Sequence[Effect], z: Array, size: Array, step: Array, high: Array) -> Fit:
         """The fit with parameters `z` times `size`, differentiated by steps of `step` times `size`."""

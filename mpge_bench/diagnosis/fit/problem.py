@@ -137,11 +137,15 @@ class Problem:
         return np.stack([(one - at) / small for one in found if one is not None], -1)
 
     def fitter(self, effects: Sequence[Effect] = ()) -> LinearFitter:
-        """A fitter about the simulator with `effects`; along its own prediction where that is near the truth."""
+        """A fitter about the simulator with `effects`, as `about` has it."""
         return self._fitters.get(tuple(effects), lambda: self._fitter(effects))
 
     def _fitter(self, effects: Sequence[Effect]) -> LinearFitter:
-        linear = rebase(self.linear, effects, self.sigma) if effects else self.linear
+        return self.about(rebase(self.linear, effects, self.sigma) if effects else self.linear)
+
+    def about(self, linear: LinearisedSimulator) -> LinearFitter:
+        """A fitter about the simulator that `linear` is, along its own prediction where that is near the truth."""
+        effects = linear.base
         predictor = WindowPredictor(linear, self.windows, self.sigma)
         if float(np.mean(predictor.residual() ** 2)) < self.settings.fit.near_noise:
             predictor = WindowPredictor(linear, self.windows, self.sigma, consistent=True)

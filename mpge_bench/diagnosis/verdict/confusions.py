@@ -6,6 +6,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import ExportedError
+from mpge_bench.diagnosis.choose.twins import Twin
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.hypotheses.candidates import key, label
 from mpge_bench.diagnosis.verdict.result import Confusion, Rival
@@ -43,11 +44,16 @@ def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float]:
     settings, chosen = choice.problem.settings.verdict, choice.chosen
     odds, found = 0.0, []
     for twin in choice.twins:
-        mistaken = float(stats.norm.cdf(-twin.distance / 2))
-        if mistaken >= settings.confused:
+        chance = mistaken(twin)
+        if chance >= settings.confused:
             found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
-        odds += mistaken / (1 - mistaken)
+        odds += chance / (1 - chance)
     return tuple(found), round(1 / (1 + odds), 3)
+
+
+def mistaken(twin: Twin) -> float:
+    """Probability that data of the chosen model would be taken for those of its `twin`."""
+    return float(stats.norm.cdf(-twin.distance / 2))
 
 
 def experiment(first: frozenset[str], second: frozenset[str]) -> str:

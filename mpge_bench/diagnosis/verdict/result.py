@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.evidence import Evidence
+from mpge_bench.diagnosis.verdict.experiment import NextExperiment
 from mpge_bench.envs.effects import CATALOGUE
 
 Array = npt.NDArray[np.float64]
@@ -199,6 +200,7 @@ class DiagnosisResult:
         untold: parameters that the recordings do not tell; those of one group are told only together.
         more_data: needed, where there is too little.
         changes: parameters that are not the same throughout.
+        next_experiment: where answers cannot be told apart, or too little data is there.
     """
 
     verdict: str
@@ -219,6 +221,7 @@ class DiagnosisResult:
     untold: tuple[tuple[str, ...], ...] = ()
     more_data: MoreData | None = None
     changes: tuple[Change, ...] = ()
+    next_experiment: NextExperiment | None = None
 
     @property
     def explained_by(self) -> str:
@@ -246,6 +249,7 @@ class DiagnosisResult:
             "alternatives": [vars(one) for one in self.alternatives],
             "indistinguishable": [one.models for one in self.indistinguishable],
             "experiments": [one.experiment for one in self.indistinguishable],
+            "next_experiment": self.next_experiment and self.next_experiment.to_json(),
             "fit": {
                 "horizon_s": self.fit.horizon,
                 "held_out": {"before": held.before, "after": held.after, "noise_floor": held.noise_floor},
@@ -288,6 +292,7 @@ class DiagnosisResult:
             untold=tuple(tuple(group) for group in data.get("untold") or ()),
             more_data=MoreData(**more) if (more := data.get("more_data")) else None,
             changes=tuple(Change(**{**one, "span": tuple(one["span"]), "values": tuple(one["values"])}) for one in data.get("changes") or ()),
+            next_experiment=NextExperiment.from_json(designed) if (designed := data.get("next_experiment")) else None,
         )
 
 
