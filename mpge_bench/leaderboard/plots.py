@@ -155,6 +155,8 @@ def _returns(found: pd.DataFrame, styles: _Styles) -> Figure:
                 axes.plot(middle.bounds, (y, y), color=colours[size], linewidth=1.5)
             axes.plot(middle.value, y, "o", color=colours[size], markersize=5)
         axes.set_yticks(range(len(labels)), labels)
+        if task not in middles:
+            axes.text(0.5, 0.5, "not normalised", color="0.4", ha="center", va="center", transform=axes.transAxes)
     for size in samples:
         next(iter(panels.values())).plot([], [], "o", color=colours[size], markersize=5, label=f"{size:,} target samples" if size else "no target samples")
     _legend(figure)

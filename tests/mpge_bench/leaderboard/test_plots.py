@@ -140,6 +140,7 @@ def test_methods_without_a_normalised_return_or_with_an_oracle_are_drawn(tmp_pat
     found = panels(figures["returns-headline.png"])
     assert list(found) == ["one", "two"]
     assert {label.get_text() for label in found["one"].get_yticklabels()} == {"swept", "swept (oracle)", "direct"}
+    assert [[text.get_text() for text in found[task].texts] for task in ("one", "two")] == [["not normalised"], []]
     assert legend(figures["curves-headline.png"]) == ["swept"]
 
 
