@@ -208,7 +208,10 @@ def effects(draw: st.DrawFn, rig: Rig) -> Effect:
         values[parameter] = draw(number if bound.size == 1 else st.lists(number, min_size=count, max_size=count, unique=True).map(sorted).map(tuple))
     if kind is UnknownTorque:
         values["signal"] = draw(st.sampled_from(["q", "dq", "command"]))
-    return kind(draw(st.sampled_from(candidate_targets(rig, name))), **values)
+    target = draw(st.sampled_from(candidate_targets(rig, name)))
+    if kind.on == "pair":
+        values["other"] = draw(st.sampled_from([joint for joint in rig.joints if joint != target]))
+    return kind(target, **values)
 
 
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])

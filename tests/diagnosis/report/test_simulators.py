@@ -168,7 +168,7 @@ def test_what_mujoco_does_not_take_is_refused_in_a_line_and_left_out_of_a_report
 
 def test_model_files_of_an_earlier_diagnosis_do_not_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = corrected(tmp_path)
-    found = SimpleNamespace(result=None, effects=(), corrected={}, data={})
+    found = SimpleNamespace(result=None, effects=(), corrected={}, data={}, commands=None)
     for name, value in (("diagnose", found), ("read_recordings", []), ("find_recordings", []), ("report_html", "")):
         monkeypatch.setattr(pipeline, name, lambda *arguments, value=value, **named: value)
     (tmp_path / "corrected.xml").write_text("of another rig")
