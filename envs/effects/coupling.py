@@ -33,6 +33,10 @@ class Coupling(Effect):
         if self.other == self.target:
             raise UserError(f"effect {self.name} on {self.target}: a joint cannot be tied to itself; give another one as `other`")
 
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
+        return self.sentence.format(target=self.target, other=self.other, **words)
+
     def tied(self) -> Tie:
         """It as a robot's model has it."""
         raise NotImplementedError
@@ -57,6 +61,10 @@ class CouplingSpring(Coupling):
     rest: float = 0.0
 
     name = "coupling_spring"
+    sentence = (
+        "The {other} and the {target} pull on each other with {stiffness}, at rest where the {target} is at"
+        " {ratio} times the {other}'s position and {rest} more."
+    )
     resembles = ("joint_spring",)
     rests_on = ("stiffness", "ratio")
     parameters = {"stiffness": Parameter("N m/rad", 0.0, 1e5), "ratio": _RATIO, "rest": Parameter("rad", -100.0, 100.0, neutral=float("inf"))}
@@ -67,13 +75,6 @@ class CouplingSpring(Coupling):
     @property
     def formula(self) -> str:
         return f"-{self.stiffness:.4g} (q - {self.ratio:.4g} q_{self.other} - {self.rest:.4g})".replace("- -", "+ ")
-
-    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
-        words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
-        return (
-            f"The {self.other} and the {self.target} pull on each other with {words['stiffness']}, at rest where the {self.target} is at"
-            f" {words['ratio']} times the {self.other}'s position and {words['rest']} more."
-        )
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -88,6 +89,7 @@ class CouplingDamping(Coupling):
     ratio: float = 1.0
 
     name = "coupling_damping"
+    sentence = "The {other} and the {target} brake each other with {damping}, unless the {target} has {ratio} times the {other}'s speed."
     resembles = ("viscous_friction",)
     rests_on = ("damping", "ratio")
     parameters = {"damping": Parameter("N m s/rad", 0.0, 1e4), "ratio": _RATIO}
@@ -98,13 +100,6 @@ class CouplingDamping(Coupling):
     @property
     def formula(self) -> str:
         return f"-{self.damping:.4g} (dq - {self.ratio:.4g} dq_{self.other})".replace("- -", "+ ")
-
-    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
-        words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
-        return (
-            f"The {self.other} and the {self.target} brake each other with {words['damping']}, unless the {self.target} has"
-            f" {words['ratio']} times the {self.other}'s speed."
-        )
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

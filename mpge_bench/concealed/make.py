@@ -36,10 +36,7 @@ def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROW
         RuntimeError: if the simulation is unstable.
     """
     key = key_of(seed, case.name)
-    rng = np.random.default_rng(key)
-    rig = Rig(case, rng)
-    effects = absolute(case, rig, rng)
-    sensors = Sensors(case, effects, rig.joints)
+    rig, effects, sensors = _system(case, key)
     folders = {"train": out / "given" / case.name, "test": out / "kept" / case.name}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
@@ -49,11 +46,9 @@ def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROW
     (folders["train"] / "rig.yaml").write_text(yaml.safe_dump(belief, sort_keys=False))
 
     errors, peaks = [], []
-    channels = ["u", *noise]
-    header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
     for k, (name, kind) in enumerate(KINDS.items()):
         read, clean = _recorded(rig, effects, sensors, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]), size)
-        _write(folders[name.split("_")[0]] / f"{name}.csv", header, read[:rows, : len(channels)])
+        _write(folders[name.split("_")[0]] / f"{name}.csv", rig, sensors, read[:rows])
         errors.append(missed(rig, clean))
         peaks.append(np.abs(clean[:, 1:]).max((0, 2)))
     answers = [{"effect": e.kind, "target": e.target, "catalogued": e.kind not in UNCATALOGUED, "value": e.values} for e in effects]
@@ -70,22 +65,28 @@ def play(case: Case, seed: int, commands: Array, path: Path) -> float:
         RuntimeError: if the simulation is unstable.
     """
     key = key_of(seed, case.name)
-    rng = np.random.default_rng(key)
-    rig = Rig(case, rng)
-    effects = absolute(case, rig, rng)
-    sensors = Sensors(case, effects, rig.joints)
+    rig, effects, sensors = _system(case, key)
     held = np.concatenate((commands, np.repeat(commands[-1:], ROWS - len(commands), 0)))
     # Other noise than that of any other recording.
     noise = np.random.default_rng([*key, zlib.crc32(commands.tobytes())])
     read, clean = Truth(rig, effects).record(lambda row, q, w: held[row], np.zeros((2, len(rig.links))), sensors, noise)
-    channels = ["u", "q", "dq"][: 3 if sensors.has_dq else 2]
-    header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
-    _write(path, header, read[: len(commands), : len(channels)])
+    _write(path, rig, sensors, read[: len(commands)])
     return float(np.abs(clean[: len(commands), 1]).max())
 
 
-def _write(path: Path, header: str, rows: Array) -> None:
-    """A recording of `rows`, shape (rows, channels, joints)."""
+def _system(case: Case, key: list[int]) -> tuple[Rig, list[Effect], Sensors]:
+    """The mechanism of the case drawn by `key`, what is hidden in it, and what reads it."""
+    rng = np.random.default_rng(key)
+    rig = Rig(case, rng)
+    effects = absolute(case, rig, rng)
+    return rig, effects, Sensors(case, effects, rig.joints)
+
+
+def _write(path: Path, rig: Rig, sensors: Sensors, read: Array) -> None:
+    """A recording of what was `read` of u, q and dq, shape (rows, 3, joints), as far as there are sensors for it."""
+    channels = ["u", "q", "dq"][: 3 if sensors.has_dq else 2]
+    header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
+    rows = read[:, : len(channels)]
     table = np.column_stack([np.arange(len(rows)) * PERIOD, rows.reshape(len(rows), -1)])
     np.savetxt(path, table, fmt="%.6g", delimiter=",", header=header, comments="")
 

@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
-from mpge_bench.diagnosis.fit.simulator import drafted, nominal
+from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, carrier
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import within_bounds
@@ -89,8 +89,7 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     rest = [[effect for effect in model.effects if effect not in within] for within in contained]
     steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]
     fits = trials.grown(fitter, steps)
-    fits = sorted((one for one in fits if not any(idle(problem, fitter, one.effects))), key=lambda one: fitter.chi_square(one.cost, slice(None)))
-    return [trials.fitted(draft) for draft in trials.each(drafted, (fitter,), fits[: tried // 2])]
+    return trials.drafted(fitter, fits, tried // 2)
 
 
 def _beyond(problem: Problem, candidate: Candidate, contained: Sequence[Effect]) -> Candidate:

@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import drafted
-from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
+from mpge_bench.diagnosis.fit.told import without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
@@ -82,8 +82,7 @@ def _look(problem: Problem, fitter: LinearFitter, model: Model, candidate: Candi
     """What share of what `model` leaves the best start of `candidate` explains, as large as is best; and the candidate with its best starts, so large."""
     cost = model.fit.cost
     left, columns = fitter.weighted(model.fit.residuals, cost), fitter.weighted(fitter.columns(candidate, model.effects), cost)
-    # What other parameters of the model, or nuisances, could explain is no formula's gain.
-    basis = spanned(unit_length(np.concatenate((fitter.weighted(fitter.free, cost), fitter.weighted(model.fit.jacobian, cost)))))
+    basis = fitter.taken(model.fit)
     left, columns = without(left, basis), without(columns, basis)
     power = np.maximum((columns**2).sum(1), 1e-12)
     along = columns @ left

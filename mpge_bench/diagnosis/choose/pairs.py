@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import drafted
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 
@@ -38,15 +36,13 @@ def pairs(trials: Trials) -> list[Model]:
     """The most promising pairs of candidates, roughly fitted, in no order."""
     fitter, settings = trials.fitter, trials.settings
     fits = trials.each(_fitted, (fitter,), promising(trials.nominal, fitter, trials.candidates)[: settings.pairs])
-    fits = [one for one in fits if not any(idle(trials.problem, fitter, one.effects))]
-    fits.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
-    return [trials.fitted(draft) for draft in trials.each(drafted, (fitter,), fits[: settings.polished])]
+    return trials.drafted(fitter, fits, settings.polished)
 
 
 def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
     """All pairs of `options` by how much of what `model` leaves they explain together, to first order, the most first; of a bent one the best start."""
     cost = model.fit.cost
-    taken = spanned(unit_length(np.concatenate((fitter.weighted(fitter.free, cost), fitter.weighted(model.fit.jacobian, cost)))))
+    taken = fitter.taken(model.fit)
     left = without(fitter.weighted(model.fit.residuals, cost), taken)
     atoms = [atom for one in options for atom in _atoms(one, without(fitter.weighted(fitter.columns(one, model.effects), cost), taken))]
     best: dict[frozenset[str], tuple[Candidate, Candidate]] = {}

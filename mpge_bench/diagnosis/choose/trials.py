@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.diagnosis.choose.exported import exported_error, noise_floors, validation_recordings
-from mpge_bench.diagnosis.choose.score import gain, is_better
+from mpge_bench.diagnosis.choose.score import gain, idle, is_better
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import polished, unforgiven
+from mpge_bench.diagnosis.fit.simulator import drafted, polished, unforgiven
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import begin_budget, is_past
@@ -168,6 +168,12 @@ class Trials:
     def grown(self, fitter: LinearFitter, steps: Sequence[tuple[Sequence[Effect], Candidate]]) -> list[Fit]:
         """Of each step its effects and a candidate beside them, fitted in the linearised simulator."""
         return self.each(_grown, (fitter,), steps)
+
+    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int) -> list[Model]:
+        """Those `fits` of the linearised simulator without idle effects that come nearest, `most` of them, refined a little in the simulator."""
+        useful = [one for one in fits if not any(idle(self.problem, fitter, one.effects))]
+        useful.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
+        return [self.fitted(draft) for draft in self.each(drafted, (fitter,), useful[:most])]
 
     def settled(self, model: Model) -> Model:
         """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from mpge_bench.diagnosis.fit.told import directions
+from mpge_bench.diagnosis.fit.told import directions, spanned, unit_length
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.nuisances import Forgiven, Nuisances
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
@@ -116,6 +116,10 @@ class LinearFitter:
         """`values` (..., windows, rows * channels) of the train windows with the `weights` of `cost`, one reading after another, shape (..., readings)."""
         kept = (values * self.weights(cost))[..., self.train, :]
         return np.asarray(kept.reshape(*kept.shape[:-2], kept.shape[-2] * kept.shape[-1]))
+
+    def taken(self, fit: Fit) -> Array:
+        """Orthonormal directions of what nuisances and the parameters of `fit` explain, and nobody else gains: `weighted`, shape (directions, readings)."""
+        return spanned(unit_length(np.concatenate((self.weighted(self.free, fit.cost), self.weighted(fit.jacobian, fit.cost)))))
 
     def standard_errors(self, fit: Fit) -> Array:
         """Of the parameters, shape (parameters,); infinite where they are not told.
