@@ -174,7 +174,7 @@ def delivered(
         elif operation == DC_MOTOR:
             current = _cut(command / n[0] * n[1] - n[0] * dq, n[2]) / n[1]
             command = np.sign(current) * _on_curve(abs(current), tables, operations[index, 2], int(n[3]))
-        elif operation == WAVES or operation == OSCILLATING:
+        elif operation in (WAVES, OSCILLATING):
             command += n[0] * math.sin(n[1] * (q if operation == WAVES else memory[-1]) + n[2])
         elif operation == CUBIC:
             command -= n[0] * (q - n[1]) ** 3
@@ -182,7 +182,7 @@ def delivered(
             rub += max(n[0] + n[1] * math.sin(n[2] * q + n[3]), 0.0)
         elif operation == ONE_WAY:
             command -= (n[0] if dq > 0 else n[1]) * dq
-        elif operation == WAVY_GAIN or operation == DRIFTING:
+        elif operation in (WAVY_GAIN, DRIFTING):
             command *= 1 + n[0] * (math.sin(n[1] * q + n[2]) if operation == WAVY_GAIN else memory[-1])
         elif operation == CURVE:
             signal = q if n[0] == 0.0 else dq if n[0] == 1.0 else command

@@ -239,10 +239,9 @@ def _rolled(
         memory[-1] = since[window] - (dt * warm_count[window] if len(warm_count) else 0.0)
         q[:], dq[:] = start[window, :n], start[window, n:]
         result[window, 0] = start[window]
-        if len(warm_count):
-            for step in range(warm_u.shape[1] - warm_count[window], warm_u.shape[1]):
-                then = window, step
-                _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
+        for step in range(warm_u.shape[1] - warm_count[window] if len(warm_count) else 0, warm_u.shape[1]):
+            then = window, step
+            _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
         for motor in range(len(motors)):
             at, joint = motors[motor]
             if memory[at] == 0.0:
