@@ -363,9 +363,14 @@ class World:
             self._put(self._wheel_body, self._wheels, angles[self._flywheels].tolist(), speeds[self._flywheels].tolist())
         self.q, self.dq = q, dq
         for hidden in self._hidden:
-            hidden.state = None
+            hidden.state, hidden.time = None, 0.0
         if self._sensors:
             self._readings = [(q, dq)]
+
+    def begin_at(self, time: float) -> None:
+        """Let `time`, s, have gone since the motion began, for effects that go by it. To be called after `set_state`, which begins anew."""
+        for hidden in self._hidden:
+            hidden.time = time
 
     def displace(self, change: Array) -> None:
         """Move the robot by `change` of its state, shape (2 nv,), along the tangent as `Layout.plus` has it.
@@ -447,6 +452,7 @@ class World:
         for command, position, velocity in zip(commands.tolist(), q.tolist(), dq.tolist(), strict=True):
             for actuate, joint, hidden, _ in self._actuators:
                 actuate(command, joint, position, velocity, hidden)
+                hidden.time += self.timestep
 
     def read(self) -> tuple[Array, Array]:
         """What the sensors tell of q and dq now: the truth, but for effects on sensors."""
@@ -515,6 +521,7 @@ class World:
         most = [0.0] * len(torque)
         for actuate, joint, hidden, friction in self._actuators:
             actuate(torque, joint, angles, speeds, hidden)
+            hidden.time += self.timestep
             if friction:
                 most[joint] += float(friction(torque, joint, angles, speeds))
         if self._rubbing:

@@ -17,7 +17,15 @@ from mpge_bench.envs.effects.actuator import (
 from mpge_bench.envs.effects.body import AttachedMass, ComOffset, ContactCompliance, ContactFriction, InertiaScale, LinkSize, MassScale, Payload, Restitution
 from mpge_bench.envs.effects.coupling import Coupling, CouplingDamping, CouplingSpring
 from mpge_bench.envs.effects.effect import CATALOGUE, Effect, Hidden, Parameter, Scale, effect_from_dict
-from mpge_bench.envs.effects.formula import CubicSpring, OneWayFriction, PeriodicFriction, PeriodicGain, PeriodicTorque
+from mpge_bench.envs.effects.formula import (
+    CubicSpring,
+    DriftingGain,
+    OneWayFriction,
+    OscillatingTorque,
+    PeriodicFriction,
+    PeriodicGain,
+    PeriodicTorque,
+)
 from mpge_bench.envs.effects.joint import (
     AirDrag,
     Armature,
@@ -51,6 +59,7 @@ __all__ = [
     "DcMotor",
     "DeadZone",
     "Delay",
+    "DriftingGain",
     "Effect",
     "ExternalForce",
     "Gravity",
@@ -67,6 +76,7 @@ __all__ = [
     "LoadFriction",
     "MassScale",
     "OneWayFriction",
+    "OscillatingTorque",
     "Parameter",
     "Payload",
     "PeriodicFriction",

@@ -113,14 +113,16 @@ class Hidden:
     Attributes:
         timestep: physics step, s.
         inertia: about what the joint offers to a torque, kg m², where that is known: it limits what is stable at the physics step.
+        time: since the motion, of which a recording may show a part, began, s; of many steps at once shape (..., steps).
     """
 
-    __slots__ = ("inertia", "state", "timestep")
+    __slots__ = ("inertia", "state", "time", "timestep")
 
     def __init__(self, timestep: float, inertia: float = math.inf) -> None:
         self.timestep = timestep
         self.inertia = inertia
         self.state: Any = None
+        self.time: Any = 0.0
 
 
 #: Every effect by its name in the catalogue, e.g. ``"torque_gain"``.

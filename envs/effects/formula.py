@@ -18,6 +18,10 @@ from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
 _MOST_WAVES = 30.0
 #: How far, rad of the law, a start may be off at the ends of the joint's usual motion: within half a turn fits lead on.
 _NEAR = 1.2
+#: More frequencies of a torque that goes by time are not looked for: they would ask for seconds a joint.
+_MOST_FREQUENCIES = 150
+#: Rows a period: what turns faster is held over rows too long to be told.
+_LEAST_ROWS = 4.0
 #: rad; less is not said.
 _NO_PHASE = 0.005
 _PHASE = Parameter("rad", -100.0, 100.0, neutral=math.inf)
@@ -216,3 +220,75 @@ class PeriodicGain(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"depth": 0.1, **turn} for turn in _turns(scale)]
+
+
+@dataclass(frozen=True)
+class DriftingGain(Effect):
+    """A motor that grows weaker or stronger as time goes on, as one that warms up: ``torque * (1 + rate * t)``, t from where each recording begins."""
+
+    rate: float
+
+    name = "drifting_gain"
+    resembles = ("torque_gain",)
+    is_formula = True
+    rests_on = ("rate",)
+    on = "joint"
+    parameters = {"rate": Parameter("1/s", -10.0, 10.0)}
+    needs_motor = True
+    place = 35
+
+    @property
+    def formula(self) -> str:
+        return f"1 {'-' if self.rate < 0 else '+'} {abs(self.rate):.4g} t"
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] *= 1 + self.rate * hidden.time
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        low, high = intervals["rate"][0]
+        sure = f"(t is the time since a recording began, s; rate {low:.4g} to {high:.4g} 1/s)"
+        return f"The {self.target}'s motor delivers its torque times {self.formula} {sure}."
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"rate": sign * 0.1 / scale.duration} for sign in (1, -1)]
+
+
+@dataclass(frozen=True)
+class OscillatingTorque(Effect):
+    """A torque that goes by time, whatever the joint does: ``amplitude * sin(2 pi frequency t + phase)``, t from where each recording begins.
+
+    One that is not in step with the recordings' beginnings has another phase in each, which this law has not.
+    """
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+
+    name = "oscillating_torque"
+    is_formula = True
+    rests_on = ("amplitude", "frequency")
+    on = "joint"
+    parameters = {"amplitude": Parameter("N m", 0.0, 1e4), "frequency": Parameter("Hz", 1e-3, 1e3, neutral=math.inf), "phase": _PHASE}
+    place = 95
+
+    @property
+    def formula(self) -> str:
+        turn = math.remainder(self.phase, 2 * math.pi)
+        shift = f" {'-' if turn < 0 else '+'} {abs(turn):.2g}" if abs(turn) >= _NO_PHASE else ""
+        return f"{self.amplitude:.4g} sin(2π {self.frequency:.4g} t{shift})"
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        command[joint] += self.amplitude * np.sin(2 * math.pi * self.frequency * hidden.time + self.phase)
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        (what, unit), sure = (("force", "N") if slide else ("torque", "N m")), _between(type(self), intervals, slide, "amplitude", "frequency")
+        return f"A {what} of {self.formula} {unit} acts on the {self.target} {sure.replace('q is its position', 't is the time since a recording began, s')}."
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        # So close that, with a phase that suits the middle of a recording, its ends are no more than `_NEAR` off.
+        step = 2 * _NEAR / (math.pi * scale.duration)
+        frequencies = np.arange(step, 1 / (_LEAST_ROWS * scale.period), step)[:_MOST_FREQUENCIES].tolist()
+        turns = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+        return [{"amplitude": 0.1 * scale.torque, "frequency": frequency, "phase": phase} for frequency in frequencies for phase in turns]

@@ -24,13 +24,15 @@ from mpge_bench.envs.errors import UserError
 
 #: s that errors are predicted ahead.
 HORIZON = 0.5
-#: Laws outside the catalogue that can be said as a formula, and the formula's name; of a parameter that changes with time its effect's.
+#: Laws outside the catalogue that can be said as a formula, and the formulas' names, one of which is to be there; of a parameter that changes with time its
+#: effect's.
 FORMULAS = {
-    "cogging": "periodic_torque",
-    "position_friction": "periodic_friction",
-    "one_way_friction": "one_way_friction",
-    "coupling_spring": "coupling_spring",
-    "gain_drift": "torque_gain",
+    "cogging": ("periodic_torque",),
+    "position_friction": ("periodic_friction",),
+    "one_way_friction": ("one_way_friction",),
+    "coupling_spring": ("coupling_spring",),
+    "torque_ripple": ("oscillating_torque",),
+    "gain_drift": ("drifting_gain", "torque_gain"),
 }
 #: A case passes where effects and places are right or listed, no parameter is further off, and errors are at most so many times those of the true effects.
 CLOSE, NEAR = 0.05, 1.15
@@ -134,10 +136,11 @@ def _judged(case: Truth, answer: Answer, found: list[tuple[str, str]]) -> dict[s
     confidences = [[one.confidence, (one.effect, one.target) in there] for one in answer.effects if one.confidence is not None]
     row: dict[str, Any] = {"confidences": [] if case.is_outside else confidences, "alarm": answer.mismatch if not case.effects else None}
     if case.is_outside:
-        wanted = [(FORMULAS[one["effect"]], tied(one["target"], one["value"].get("other"))) for one in case.effects if one["effect"] in FORMULAS]
+        asked = [(FORMULAS[one["effect"]], tied(one["target"], one["value"].get("other"))) for one in case.effects if one["effect"] in FORMULAS]
         located = all(one["target"] in answer.places[: len(case.effects)] for one in case.effects)
         right = answer.mismatch and located and not found
-        return row | {"right": right, "credit": float(right), "false_name": bool(found), "formula": set(wanted) <= set(answer.laws) if wanted else None}
+        formula = all(any((name, target) in answer.laws for name in names) for names, target in asked) if asked else None
+        return row | {"right": right, "credit": float(right), "false_name": bool(found), "formula": formula}
     if not case.effects:
         right = not answer.mismatch
         return row | {"right": right, "credit": float(right)}

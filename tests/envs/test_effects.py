@@ -37,6 +37,7 @@ from mpge_bench.envs.effects import (
     DcMotor,
     DeadZone,
     Delay,
+    DriftingGain,
     Effect,
     ExternalForce,
     Gravity,
@@ -53,6 +54,7 @@ from mpge_bench.envs.effects import (
     LoadFriction,
     MassScale,
     OneWayFriction,
+    OscillatingTorque,
     Payload,
     PeriodicFriction,
     PeriodicGain,
@@ -107,6 +109,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "cubic_spring": {"stiffness": (500.0, 600.0), "rest": (0.1, 0.2)},
     "dead_zone": {"torque": (10.0, 11.0)},
     "delay": {"seconds": (0.011, 0.0115)},
+    "drifting_gain": {"rate": (-0.5, -0.6)},
     "external_force": {"vector": ((5.0, 0.0, 2.0), (5.0, 0.0, 3.0))},
     "gravity": {"vector": ((0.0, 0.0, -9.0), (1.0, 0.0, -9.0))},
     "ground_height": {"height": (0.01, 0.02)},
@@ -121,6 +124,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "load_friction": {"coefficient": (0.1, 0.2)},
     "mass_scale": {"factor": (1.1, 1.2)},
     "one_way_friction": {"forward": (5.0, 6.0), "backward": (2.0, 3.0)},
+    "oscillating_torque": {"amplitude": (10.0, 11.0), "frequency": (2.0, 3.0), "phase": (0.5, 1.0)},
     "payload": {"mass": (1.0, 1.5), "distance": (0.3, 0.4)},
     "periodic_friction": {"mean": (10.0, 11.0), "swing": (5.0, 6.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
     "periodic_gain": {"depth": (0.5, 0.6), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
@@ -454,6 +458,26 @@ def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path) -> Non
     assert torque_at(wheel, 3.0, law, q=0.4, dq=5.0) == pytest.approx(3.0 - 0.5 - 0.3 * math.sin(0.9), rel=1e-6)
 
 
+def test_laws_of_time_go_by_what_has_gone_since_the_motion_began(wheel: Path) -> None:
+    """In a physics step its beginning counts; a state that is set begins anew, or at a time that is said."""
+    laws = [DriftingGain("hinge", -0.5), OscillatingTorque("hinge", 0.4, 3.0, 0.2)]
+    world = World(wheel, effects=laws, timestep=0.01, substeps=2)
+    reference = World(wheel, timestep=0.01)
+
+    def torque(time: float) -> float:
+        return 3.0 * (1 - 0.5 * time) + 0.4 * math.sin(6 * math.pi * time + 0.2)
+
+    for begin in (0.0, 1.25):
+        world.set_state([0.1], [0.3])
+        reference.set_state([0.1], [0.3])
+        world.begin_at(begin)
+        for _ in range(3):
+            world.step([3.0])
+        for step in range(6):
+            reference.step([torque(begin + 0.01 * step)])
+        assert world.dq == pytest.approx(reference.dq, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("law", "said"),
     [
@@ -462,6 +486,8 @@ def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path) -> Non
         (CubicSpring("wrist", 1.5, -0.2), "A torque of -1.5 (q + 0.2)³ N m acts on the wrist ("),
         (PeriodicFriction("wrist", 0.2, 0.1, 3.0, -0.4), "The dry friction of the wrist changes with its position: 0.2 + 0.1 sin(3 q - 0.4) N m ("),
         (PeriodicGain("wrist", 0.1, 12.0, 0.0), "The wrist's motor delivers its torque times 1 + 0.1 sin(12 q) ("),
+        (DriftingGain("wrist", -0.03), "The wrist's motor delivers its torque times 1 - 0.03 t (t is the time since a recording began, s; rate 0 to 1 1/s)."),
+        (OscillatingTorque("wrist", 0.3, 1.5, 0.2), "A torque of 0.3 sin(2π 1.5 t + 0.2) N m acts on the wrist (t is the time since a recording began, s; "),
         (CouplingSpring("wrist", "elbow", 4.2), "The elbow and the wrist pull on each other with 4.2 N m/rad (0 to 1), at rest where the wrist is at 1 ("),
         (CouplingDamping("wrist", "elbow", 0.2), "The elbow and the wrist brake each other with 0.2 N m s/rad (0 to 1), unless the wrist has 1 ("),
     ],
@@ -992,6 +1018,7 @@ def test_every_effect_repeats_bit_by_bit() -> None:
 def test_an_effect_leaves_other_joints_commands_alone() -> None:
     for name, kind in CATALOGUE.items():
         hidden = Hidden(1e-3)
+        hidden.time = 1.0
         example(name).actuate([0.0, 0.0, 0.0], 1, [0.1, 0.2, 0.3], [-0.5, -0.5, -0.5], hidden)
         command = [80.0, -60.0, 40.0]
         example(name).actuate(command, 1, [0.1, 0.2, 0.3], [-0.5, -0.5, -0.5], hidden)

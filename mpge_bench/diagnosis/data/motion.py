@@ -68,6 +68,10 @@ class Motion:
         """Reference q and dq at the physics steps, shape (r, k, m, j): the cubic through both ends of each interval."""
         return between(self.state, self.following(), self.intervals(), self.u.shape[2])
 
+    def fine_time(self) -> Array:
+        """Of the physics steps, since each recording began, s, shape (r, k, m)."""
+        return np.asarray((self.time - self.time[:, :1])[..., None] + self.step * np.arange(self.u.shape[2]))
+
     def intervals(self) -> Array:
         """Time to the next row, s, shape (r, k); 0 at the last."""
         return np.concatenate((np.diff(self.time, axis=1), np.zeros((len(self.time), 1))), 1)

@@ -72,6 +72,7 @@ class BulletPredictor:
         many = self._steps_a_row(time[first : rows[-1] + 1])
         world = self._world(many or 1)
         world.set_state(layout.q(state), layout.dq(state))
+        world.begin_at(time[first] - time[0])
         if self._warm_for:
             self._warm_up(world, recording, first, smooth)
         if many:
@@ -126,6 +127,7 @@ class BulletPredictor:
         at = start - dt * np.arange(count, 0, -1)
         row = np.clip(np.searchsorted(recording.time, at + 0.5 * dt, side="right") - 1, 0, None)
         motion = motion_at(recording.time, smooth, at)
+        world.begin_at(at[0] - recording.time[0])
         world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
 
 

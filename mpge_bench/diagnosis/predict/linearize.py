@@ -63,7 +63,8 @@ class LinearisedSimulator:
         count, rows, steps, n = motion.u.shape
         q, dq = motion.fine()
         flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
-        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, self.offered)
+        time = motion.fine_time().reshape(count, rows * steps)
+        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, self.offered, time)
         return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
 
     @property
@@ -115,7 +116,8 @@ class LinearisedSimulator:
 
         def answer(joint: int, by_q: float, by_dq: float) -> Array:
             own, at = [(effect, 0) for effect, place in chain if place == joint], slice(joint, joint + 1)
-            return np.asarray(joint_torques(own, u[at], q[at] + by_q, dq[at] + by_dq, motion.step, soft[at])[0].mean(-1))
+            torque = joint_torques(own, u[at], q[at] + by_q, dq[at] + by_dq, motion.step, soft[at], time=motion.fine_time())
+            return np.asarray(torque[0].mean(-1))
 
         for joint in range(motion.joints):
             at = answer(joint, 0.0, 0.0)

@@ -56,6 +56,8 @@ class SimulatedWindows:
     ) -> None:
         self._rig = replace(rig, timestep=rig.timestep / parts)
         self._recordings, self._recording, self._rows, self._settings = recordings, recording, rows, settings
+        times = [recordings[r].time for r in recording]
+        self._since = np.array([time[own[0]] - time[0] for time, own in zip(times, rows, strict=True)])
         steps: dict[int, list[tuple[int, Array, Array]]] = {}
         for window, (r, own) in enumerate(zip(recording, rows, strict=True)):
             every, u, place = self._stepped(recordings[r], own)
@@ -107,7 +109,8 @@ class SimulatedWindows:
             every = max(grid.every, 1)
             shifts = beside[own] if beside.size else None
             unstable = self._settings.predict.unstable
-            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts)
+            since = self._since[own]
+            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts, since=since)
             if sensors:
                 path = self._sensed(path, own, sensors, references, every * self._rig.timestep)
             result[own] = _at(path, grid)

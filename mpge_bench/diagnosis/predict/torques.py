@@ -29,7 +29,14 @@ def warm_up(effects: Iterable[Effect], settings: PredictSettings) -> float:
 
 
 def joint_torques(
-    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, spread: Array, inertia: Array | None = None
+    chain: Sequence[tuple[Effect, int]],
+    u: Array,
+    q: Array,
+    dq: Array,
+    step: float,
+    spread: Array,
+    inertia: Array | None = None,
+    time: Array | float = 0.0,
 ) -> Array:
     """Joint torques that `chain` delivers along a given motion.
 
@@ -40,24 +47,26 @@ def joint_torques(
         step: physics step, s.
         spread: uncertainty of dq, rad/s, shape (joints,): dry friction changes sign over as much.
         inertia: what each joint offers to a torque, kg m², shape (joints,), as `Hidden` has it; needed for motors with a hidden state.
+        time: of these steps since each recording began, s, shape (..., steps).
 
     Returns:
         Torques, same shape.
     """
-    command, rubbing = driven(chain, u, q, dq, step, inertia)
+    command, rubbing = driven(chain, u, q, dq, step, inertia, time)
     for joint, most in rubbing:
         command[joint] -= most * sliding(dq[joint], spread[joint])
     return command
 
 
 def driven(
-    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, inertia: Array | None = None
+    chain: Sequence[tuple[Effect, int]], u: Array, q: Array, dq: Array, step: float, inertia: Array | None = None, time: Array | float = 0.0
 ) -> tuple[Array, list[tuple[int, Array]]]:
     """As `joint_torques`, dry friction apart: of each effect that is some, the joint and the most that it opposes, N m, shape (..., steps)."""
     command: Array = np.array(u, float, order="C")
     rubbing: list[tuple[int, Array]] = []
     for effect, joint in chain:
         memory = Hidden(step) if inertia is None else Hidden(step, float(inertia[joint]))
+        memory.time = time
         if not effect.is_stepwise(step):
             effect.actuate(command, joint, q, dq, memory)
         elif has_law(effect):

@@ -205,11 +205,18 @@ class WindowPredictor:
         motion = self.linear.motion
         warm = self._warm(effects)
         u, q, dq = (values[joint : joint + 1] for values in self._histories(warm))
-        command, rubbing = driven([(effect, 0) for effect in effects], u, q, dq, motion.step, self.linear.offered[joint : joint + 1])
+        offered, time = self.linear.offered[joint : joint + 1], self._times(warm)
+        command, rubbing = driven([(effect, 0) for effect in effects], u, q, dq, motion.step, offered, time)
         now = early = self._means(command[0])
         for _, most in rubbing:
             now, early = (torque - self._means(most * self._slides(joint, warm, lead)) for torque, lead in ((now, False), (early, True)))
         return now, early
+
+    def _times(self, warm: int) -> Array:
+        """Of physics steps, `warm` rows before the windows and in them, since each recording began, s, shape (windows, physics steps)."""
+        motion = self.linear.motion
+        at, rows = self.windows.recording[:, None], self.windows.start[:, None] + np.arange(-warm, self.windows.length)
+        return np.asarray(motion.fine_time()[at, np.maximum(rows, 0)].reshape(len(rows), -1))
 
     def _slides(self, joint: int, warm: int, early: bool) -> Array:
         """Which way a joint slides, as `sliding` has it, `warm` rows before the windows and in them."""

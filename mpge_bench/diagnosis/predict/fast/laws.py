@@ -20,6 +20,7 @@ from mpge_bench.diagnosis.predict.fast.program import (
     DC_MOTOR,
     DEAD_ZONE,
     DRAG,
+    DRIFTING,
     GAIN,
     LAG,
     LATE,
@@ -28,6 +29,7 @@ from mpge_bench.diagnosis.predict.fast.program import (
     MOTOR_SIDE,
     NUMBERS,
     ONE_WAY,
+    OSCILLATING,
     SERVO,
     SPRING,
     STRIBECK,
@@ -132,7 +134,7 @@ def delivered(
     """What operations `first` to `last` make of one joint's `command` in one physics step: the torque, and the most that dry friction opposes.
 
     Args:
-        memory: what they remember, changed; 0 at rest.
+        memory: what they remember, changed; 0 at rest, but for its last number, the time since the motion began, s.
     """
     rub = 0.0
     for index in range(first, last):
@@ -172,16 +174,16 @@ def delivered(
         elif operation == DC_MOTOR:
             current = _cut(command / n[0] * n[1] - n[0] * dq, n[2]) / n[1]
             command = np.sign(current) * _on_curve(abs(current), tables, operations[index, 2], int(n[3]))
-        elif operation == WAVES:
-            command += n[0] * math.sin(n[1] * q + n[2])
+        elif operation in (WAVES, OSCILLATING):
+            command += n[0] * math.sin(n[1] * (q if operation == WAVES else memory[-1]) + n[2])
         elif operation == CUBIC:
             command -= n[0] * (q - n[1]) ** 3
         elif operation == WAVY_FRICTION:
             rub += max(n[0] + n[1] * math.sin(n[2] * q + n[3]), 0.0)
         elif operation == ONE_WAY:
             command -= (n[0] if dq > 0 else n[1]) * dq
-        elif operation == WAVY_GAIN:
-            command *= 1 + n[0] * math.sin(n[1] * q + n[2])
+        elif operation in (WAVY_GAIN, DRIFTING):
+            command *= 1 + n[0] * (math.sin(n[1] * q + n[2]) if operation == WAVY_GAIN else memory[-1])
         elif operation == CURVE:
             signal = q if n[0] == 0.0 else dq if n[0] == 1.0 else command
             command += _on_curve(signal, tables, operations[index, 2], int(n[1]))

@@ -19,6 +19,7 @@ from mpge_bench.envs.effects import (
     DcMotor,
     DeadZone,
     Delay,
+    DriftingGain,
     Effect,
     JointElasticity,
     JointSpring,
@@ -26,6 +27,7 @@ from mpge_bench.envs.effects import (
     Latency,
     LoadFriction,
     OneWayFriction,
+    OscillatingTorque,
     PeriodicFriction,
     PeriodicGain,
     PeriodicTorque,
@@ -44,7 +46,7 @@ Indices = npt.NDArray[np.int64]
 #: Operations of a program.
 SERVO, LATE, DEAD_ZONE, GAIN, BIAS, LAG, LIMIT, BACK_EMF, DC_MOTOR, MOTOR_SIDE, SPRING, VISCOUS, DRAG, COULOMB, STRIBECK, LOAD, CURVE = range(17)
 #: Formulas.
-WAVES, CUBIC, WAVY_FRICTION, ONE_WAY, WAVY_GAIN = range(17, 22)
+WAVES, CUBIC, WAVY_FRICTION, ONE_WAY, WAVY_GAIN, DRIFTING, OSCILLATING = range(17, 24)
 #: Signals that a curve goes by.
 _SIGNALS = {"q": 0.0, "dq": 1.0, "command": 2.0}
 #: Most numbers of an operation.
@@ -61,7 +63,7 @@ class Program:
         numbers: parameters of each, shape (operations, 6).
         tables: points of curves and what they give, one after another.
         spans: where each joint's operations begin, shape (joints + 1,).
-        memory: how many numbers a motion remembers.
+        memory: how many numbers a motion remembers; the last is the time since it began, s.
         motors: where each motor side's memory begins, and its joint, shape (motor sides, 2).
         step: physics step, s.
         rubs: whether any of them is dry friction.
@@ -129,6 +131,8 @@ WRITTEN: dict[type[Effect], tuple[int, Callable[..., _Written]]] = {
     PeriodicFriction: (WAVY_FRICTION, lambda e, *_: ([e.mean, e.swing, e.waves, e.phase], 0, ())),
     OneWayFriction: (ONE_WAY, lambda e, *_: ([e.forward, e.backward], 0, ())),
     PeriodicGain: (WAVY_GAIN, lambda e, *_: ([e.depth, e.waves, e.phase], 0, ())),
+    DriftingGain: (DRIFTING, lambda e, *_: ([e.rate], 0, ())),
+    OscillatingTorque: (OSCILLATING, lambda e, *_: ([e.amplitude, 2 * math.pi * e.frequency, e.phase], 0, ())),
     UnknownTorque: (CURVE, lambda e, *_: ([_SIGNALS[e.signal], float(len(e.at))], 0, (*e.at, *e.torque))),
 }
 #: Effects on joints that act through the model alone.
@@ -175,7 +179,7 @@ def written(chain: Sequence[tuple[Effect, int]], joints: int, step: float, inert
         np.array(numbers, float).reshape(-1, NUMBERS),
         np.array(table, float),
         np.array(spans, np.int64),
-        memory,
+        memory + 1,
         np.array(motors, np.int64).reshape(-1, 2),
         step,
         any(operation in (COULOMB, STRIBECK, LOAD, WAVY_FRICTION) for operation, _, _ in operations),

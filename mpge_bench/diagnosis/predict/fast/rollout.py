@@ -44,7 +44,9 @@ class Mechanism:
     tree: FlatTree
     program: Program
 
-    def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None) -> Array:
+    def roll(
+        self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None, since: Array | None = None
+    ) -> Array:
         """The motion from each of `start` on; arguments as of `followed`.
 
         Returns:
@@ -53,13 +55,13 @@ class Mechanism:
         Raises:
             NotCovered: if a joint reaches an end stop.
         """
-        path, stopped = self.followed(start, u, every=every, unstable=unstable, warm=warm, beside=beside)
+        path, stopped = self.followed(start, u, every=every, unstable=unstable, warm=warm, beside=beside, since=since)
         if stopped.any():
             raise NotCovered("a joint reaches an end stop")
         return path
 
     def followed(
-        self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None
+        self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None, since: Array | None = None
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """The motion from each of `start` on as if there were no end stops, and where one would have been reached.
 
@@ -69,6 +71,7 @@ class Mechanism:
             u: commands, shape (windows, rows, joints), each held for `every` physics steps.
             warm: motion before the start on which hidden states are warmed up.
             beside: how far each motor side is then from where the warm-up leaves it: angles and speeds in turn, shape (windows, 2 motor sides).
+            since: how long each motion has been going on at the start, s, shape (windows,); 0 if not given.
 
         Returns:
             The motion, as `roll` has it, and whether a joint reached an end stop, shape (windows,).
@@ -96,6 +99,7 @@ class Mechanism:
             np.ascontiguousarray(before.count),
             program.motors,
             np.zeros((len(start), 2 * len(program.motors))) if beside is None else np.ascontiguousarray(beside, float),
+            np.zeros(len(start)) if since is None else np.ascontiguousarray(since, float),
             result,
             stopped,
         )
@@ -221,6 +225,7 @@ def _rolled(
     warm_count: Indices,
     motors: Indices,
     beside: Array,
+    since: Array,
     result: Array,
     stopped: npt.NDArray[np.bool_],
 ) -> None:
@@ -231,13 +236,12 @@ def _rolled(
     mass, answer = np.empty((n, n)), np.empty((n, n))
     for window in range(windows):
         memory[:] = 0.0
+        memory[-1] = since[window] - (dt * warm_count[window] if len(warm_count) else 0.0)
         q[:], dq[:] = start[window, :n], start[window, n:]
         result[window, 0] = start[window]
-        if len(warm_count):
-            steps = warm_u.shape[1]
-            for step in range(steps - warm_count[window], steps):
-                then = window, step
-                _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
+        for step in range(warm_u.shape[1] - warm_count[window] if len(warm_count) else 0, warm_u.shape[1]):
+            then = window, step
+            _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
         for motor in range(len(motors)):
             at, joint = motors[motor]
             if memory[at] == 0.0:
@@ -276,6 +280,7 @@ def _drive(
     """What the motors make of `u` in one physics step, into `torque`, and the most that dry friction opposes, into `most`; all shape (joints,)."""
     for joint in range(len(u)):
         torque[joint], most[joint] = delivered(spans[joint], spans[joint + 1], operations, numbers, tables, dt, u[joint], q[joint], dq[joint], memory)
+    memory[-1] += dt
 
 
 @compiled
