@@ -18,7 +18,7 @@ from rich.table import Table
 
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -114,13 +114,12 @@ def sweep(
 
     It can be stopped at any time and called again: what is there is not run again. A run that fails is named at the end; the others go on.
     """
-    from mpge_bench.baselines.agent import compile_ahead
-    from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.harness.run import RunSettings, remove_remains
+    from mpge_bench.harness.run import RunSettings
+    from mpge_bench.harness.sweep import Outcome
+    from mpge_bench.harness.sweep import sweep as make
     from mpge_bench.leaderboard.results import collect
     from mpge_bench.leaderboard.tables import sheets
-    from mpge_bench.policies import home
 
     overrides = _overrides(changes, rollouts, divergence)
     runs = [RunSettings(t, m, n, preset, s, overrides, noise) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
@@ -129,39 +128,25 @@ def sweep(
     # A method that draws no samples is run once for all budgets.
     plan = list(dict.fromkeys(runs))
     failed: list[str] = []
-    if min(jobs, len(plan)) > 1:
-        compile_ahead()
-    try:
-        with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
-            progress.stage(f"{len(plan)} runs", len(plan))
-            for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or home(settings.task)) for settings in plan]):
-                name = settings.folder(Path())
-                if error:
-                    failed.append(f"{name}: {error}")
-                    progress.console.print(f"{name}: failed: {error}", markup=False)
-                else:
-                    normalized = result["normalized_return"] if result else None
-                    progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
-                progress.advance(1)
-    except BaseException:
-        for settings in plan:
-            remove_remains(settings, out)
-        raise
+    with ConsoleProgress() as progress:
+
+        def tell(one: Outcome) -> None:
+            name = one.settings.folder(Path())
+            if one.error:
+                failed.append(f"{name}: {one.error}")
+                progress.console.print(f"{name}: failed: {one.error}", markup=False)
+            else:
+                normalized = one.result["normalized_return"] if one.result else None
+                progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
+            progress.advance(1)
+
+        progress.stage(f"{len(plan)} runs", len(plan))
+        make(plan, out, policies, jobs, tell)
     results = collect(out)
     for sheet in sheets(results) if len(results) else ():
         _wide().print(sheet.table())
     if failed:
         raise UserError(f"{len(failed)} of {len(plan)} runs failed, first {failed[0]}")
-
-
-def _run_quietly(call: tuple[Any, Path, Path]) -> tuple[Any, dict[str, Any] | None, str | None]:
-    from mpge_bench.harness.run import run
-
-    settings, out, policies = call
-    try:
-        return settings, run(settings, out, policy_folder=policies), None
-    except Exception as error:  # one failed run must not take the others with it
-        return settings, None, one_line(error, named=not isinstance(error, UserError))
 
 
 @app.command("train-policies")
