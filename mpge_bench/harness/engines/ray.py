@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,9 @@ from typing import Any
 from mpge_bench import numerics
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.harness.engines import Call, Found, Killed
+
+#: A cluster answers within this, s; Ray itself would try for minutes.
+_ANSWER = 5.0
 
 
 @contextmanager
@@ -28,8 +32,11 @@ def ray_engine(jobs: int, address: str | None) -> Iterator[RayEngine]:
     path = [entry or os.getcwd() for entry in sys.path]
     variables = numerics.environment() | {"PYTHONPATH": os.pathsep.join(path)}
     try:
+        host, _, port = (address or "").rpartition(":")
+        if port.isdigit():
+            socket.create_connection((host, int(port)), timeout=_ANSWER).close()
         ray.init(**place, runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="ERROR")
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise UserError(f"no Ray cluster at {address or 'this machine'} ({one_line(error)}); `ray start --head` starts one and says its address") from error
     try:
         yield RayEngine(ray)
