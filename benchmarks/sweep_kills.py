@@ -20,11 +20,13 @@ import typer
 
 #: What is swept: runs of 1 to 15 s each.
 TASK, METHODS, SAMPLES = "biased_pendulum", ("direct", "gat", "inversion"), 100
-#: Kills come after so large a share of the undisturbed sweep's time each, drawn anew: ten of them within it, some before the first run has begun.
-PAUSE = (0.01, 0.12)
+#: A kill comes when one more run is done and up to this share of the undisturbed sweep's time has passed, so that ten of them find runs under way.
+PAUSE = 0.04
+#: Every so manieth comes after the pause alone: while the sweep, a worker or its first runs start.
+EARLY = 3
 #: Entries of a result that may differ: times, and by which processes and code it was made.
 INCIDENTAL = ("wall_clock_s", "machine", "commit")
-#: How often it is looked whether half of the runs are done, s.
+#: How often it is looked how many runs are done, s.
 LOOK = 0.2
 app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
 
@@ -65,21 +67,23 @@ def results(out: Path) -> dict[str, int]:
     return {str(path.parent.relative_to(out)): path.stat().st_mtime_ns for path in out.rglob("result.json") if ".partial" not in str(path)}
 
 
-def kill_and_resume(out: Path, seeds: int, kills: int, pauses: tuple[float, float], draw: random.Random) -> tuple[dict[str, int], list[str]]:
+def kill_and_resume(out: Path, seeds: int, kills: int, pause: float, draw: random.Random) -> tuple[dict[str, int], list[str]]:
     """Kill a sweep or its workers so often, and resume it until it is done; when each result was first seen, and what was killed when."""
     seen: dict[str, int] = {}
     killed: list[str] = []
     while True:
         sweep = start(out, seeds)
         while sweep.poll() is None and len(killed) < kills:
-            time.sleep(draw.uniform(*pauses))
+            while len(killed) % EARLY and sweep.poll() is None and len(results(out)) <= len(seen):
+                time.sleep(LOOK)
+            time.sleep(draw.uniform(0.0, pause))
             at_work = workers(sweep.pid)
             parent = draw.random() < 0.5 or not at_work
             os.kill(sweep.pid if parent else draw.choice(at_work), 9)
             if parent:
                 sweep.wait()
-            killed.append("parent" if parent else "worker")
             seen = results(out) | seen
+            killed.append(f"{'parent' if parent else 'worker'} ({len(seen)} done)")
         status = sweep.wait()
         seen = results(out) | seen
         if status == 0 and len(killed) == kills:
@@ -146,8 +150,7 @@ def main(
         print(f"{len(results(whole))} runs: {one:.0f} s in one process, {two:.0f} s in two, {one / two:.2f} times the throughput")
         print(f"processor time: {least:.0f} s and {cost:.0f} s; load of the machine before: {load:.1f} (of {os.cpu_count()} processors)")
         print(f"one process against two: {differences(whole, out / 'alone') or 'the same results'}")
-        pauses = (PAUSE[0] * two, PAUSE[1] * two)
-        seen, killed = kill_and_resume(killed_out, seeds, kills, pauses, random.Random(seed))
+        seen, killed = kill_and_resume(killed_out, seeds, kills, PAUSE * two, random.Random(seed))
     twice = [name for name, when in results(killed_out).items() if seen.get(name, when) != when]
     again = log(killed_out).read_text().count("it is run once more")
     print(f"killed: {', '.join(killed)}; {again} runs repeated because of a killed process")

@@ -16,7 +16,7 @@ from mpge_bench.harness.engines import Engine, Killed
 from mpge_bench.harness.run import RunSettings, remove_remains, run
 from mpge_bench.policies import home
 
-#: How often a run is tried whose process is killed: who needs more memory than there is would be killed for ever.
+#: How often a run is tried whose process dies: who needs more memory than there is would be killed for ever.
 _TRIES = 2
 
 
@@ -41,7 +41,7 @@ class Outcome:
 def sweep(missing: Sequence[RunSettings], out: Path, policies: Path | None, engine: Engine, tell: Callable[[Outcome], None]) -> None:
     """Make these runs; `tell` hears of each when it ends.
 
-    A run that fails does not stop the others. One whose process was killed is tried once more when the others are done (and memory is free).
+    A run that fails does not stop the others. One whose process dies is tried once more when the others are done (and memory is free).
 
     Args:
         missing: runs without a result in `out`.
@@ -71,7 +71,7 @@ def sweep(missing: Sequence[RunSettings], out: Path, policies: Path | None, engi
 def _outcome(call: _Call, found: Outcome | Killed, *, again: bool) -> Outcome:
     settings, out, _ = call
     if isinstance(found, Killed):
-        return Outcome(settings, None, f"its process was killed from outside ({found.how}), perhaps for want of memory", again)
+        return Outcome(settings, None, f"its process died ({found.how}); want of memory can do that", again)
     if found.result and not (settings.folder(out) / "result.json").exists():
         return Outcome(settings, None, f"it was made on a machine that does not share {out}; choose a folder that all machines of the cluster share with --out")
     return found

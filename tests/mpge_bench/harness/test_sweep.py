@@ -71,14 +71,14 @@ def test_a_killed_run_is_made_again_after_the_others(tmp_path):
     told = swept(engine, [RUNS[0], RUNS[3]], tmp_path)
     assert engine.calls == [0, 3, 0]
     assert [(one.settings.seed, one.again) for one in told] == [(0, True), (3, False), (0, False)]
-    assert told[0].error == "its process was killed from outside (SIGKILL), perhaps for want of memory"
+    assert told[0].error == "its process died (SIGKILL); want of memory can do that"
     assert told[2].result
 
 
 def test_a_run_that_is_killed_twice_has_failed_and_leaves_nothing(tmp_path):
     told = swept(InPlace({0: 3}), [RUNS[0], RUNS[3]], tmp_path)
     assert [(one.settings.seed, one.again) for one in told] == [(0, True), (3, False), (0, False)]
-    assert "killed from outside" in told[2].error
+    assert "its process died" in told[2].error
     assert not RUNS[0].partial(tmp_path).exists()
 
 
