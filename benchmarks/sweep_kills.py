@@ -20,10 +20,8 @@ import typer
 
 #: What is swept: runs of 1 to 15 s each.
 TASK, METHODS, SAMPLES = "biased_pendulum", ("direct", "gat", "inversion"), 100
-#: A kill comes when one more run is done and up to this share of the undisturbed sweep's time has passed, so that ten of them find runs under way.
-PAUSE = 0.04
-#: Every so manieth comes after the pause alone: while the sweep, a worker or its first runs start.
-EARLY = 3
+#: A kill comes when up to so many more runs are done, and up to so much time has passed, s; both drawn anew. Ten of them then find runs under way.
+MORE, PAUSE = 4, 3.0
 #: Entries of a result that may differ: times, and by which processes and code it was made.
 INCIDENTAL = ("wall_clock_s", "machine", "commit")
 #: How often it is looked how many runs are done, s.
@@ -67,16 +65,17 @@ def results(out: Path) -> dict[str, int]:
     return {str(path.parent.relative_to(out)): path.stat().st_mtime_ns for path in out.rglob("result.json") if ".partial" not in str(path)}
 
 
-def kill_and_resume(out: Path, seeds: int, kills: int, pause: float, draw: random.Random) -> tuple[dict[str, int], list[str]]:
+def kill_and_resume(out: Path, seeds: int, kills: int, draw: random.Random) -> tuple[dict[str, int], list[str]]:
     """Kill a sweep or its workers so often, and resume it until it is done; when each result was first seen, and what was killed when."""
     seen: dict[str, int] = {}
     killed: list[str] = []
     while True:
         sweep = start(out, seeds)
         while sweep.poll() is None and len(killed) < kills:
-            while len(killed) % EARLY and sweep.poll() is None and len(results(out)) <= len(seen):
+            wanted = len(seen) + draw.randint(0, MORE)
+            while sweep.poll() is None and len(results(out)) < wanted:
                 time.sleep(LOOK)
-            time.sleep(draw.uniform(0.0, pause))
+            time.sleep(draw.uniform(0.0, PAUSE))
             at_work = workers(sweep.pid)
             parent = draw.random() < 0.5 or not at_work
             os.kill(sweep.pid if parent else draw.choice(at_work), 9)
@@ -150,7 +149,7 @@ def main(
         print(f"{len(results(whole))} runs: {one:.0f} s in one process, {two:.0f} s in two, {one / two:.2f} times the throughput")
         print(f"processor time: {least:.0f} s and {cost:.0f} s; load of the machine before: {load:.1f} (of {os.cpu_count()} processors)")
         print(f"one process against two: {differences(whole, out / 'alone') or 'the same results'}")
-        seen, killed = kill_and_resume(killed_out, seeds, kills, PAUSE * two, random.Random(seed))
+        seen, killed = kill_and_resume(killed_out, seeds, kills, random.Random(seed))
     twice = [name for name, when in results(killed_out).items() if seen.get(name, when) != when]
     again = log(killed_out).read_text().count("it is run once more")
     print(f"killed: {', '.join(killed)}; {again} runs repeated because of a killed process")
