@@ -139,17 +139,16 @@ def sweep(
     with engines.engine(engine, jobs, address) as chosen, ConsoleProgress() as progress:
 
         def tell(one: Outcome) -> None:
-            name = one.settings.folder(Path())
             if one.again:
-                progress.console.print(f"{name}: {one.error}; it is run once more", markup=False)
-                return
-            if one.error:
-                failed.append(f"{name}: {one.error}")
-                progress.console.print(f"{name}: failed: {one.error}", markup=False)
+                said = f"{one.error}; it is run once more"
+            elif one.error:
+                said = f"failed: {one.error}"
+                failed.append(f"{one.settings.folder(Path())}: {one.error}")
             else:
                 normalized = one.result["normalized_return"] if one.result else None
-                progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
-            progress.advance(1)
+                said = "done" if normalized is None else f"normalised return {normalized:.2f}"
+            progress.console.print(f"{one.settings.folder(Path())}: {said}", markup=False, soft_wrap=True)
+            progress.advance(0 if one.again else 1)
 
         _out.print(plan.words(chosen.processes), soft_wrap=True)
         if plan.missing:
