@@ -22,3 +22,13 @@ def load(text: str) -> Any:
         yaml.YAMLError: if it is none.
     """
     return yaml.load(text, _Loader)
+
+
+def lines(text: str) -> dict[str, int]:
+    """On which line, from 1, each key of the mapping that the document `text` is stands; none if it is no mapping.
+
+    Raises:
+        yaml.YAMLError: if it is no document.
+    """
+    node = yaml.compose(text, _Loader)
+    return {key.value: key.start_mark.line + 1 for key, _ in node.value} if isinstance(node, yaml.MappingNode) else {}

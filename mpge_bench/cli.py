@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from rich.table import Table
 
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -97,71 +96,69 @@ def _overrides(changes: list[str] | None, rollouts: str | None, divergence: str 
 
 @app.command()
 def sweep(
-    task: Annotated[list[str], typer.Option(help="May be given several times. " + _TASK_HELP)],
-    method: Annotated[list[str], typer.Option(help="May be given several times. " + _METHOD_HELP)],
-    samples: Annotated[list[int] | None, typer.Option(help="May be given several times; 1000 if not given.")] = None,
-    preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
-    seeds: Annotated[int, typer.Option(min=1, help="Seeds 0 to SEEDS - 1.")] = 3,
+    task: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _TASK_HELP)] = None,
+    method: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _METHOD_HELP)] = None,
+    samples: Annotated[list[int] | None, typer.Option(min=1, help="May be given several times; 1000 if not given.")] = None,
+    preset: Annotated[str | None, typer.Option(help=_PRESET_HELP + " standard if not given.")] = None,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds 0 to SEEDS - 1; 3 if not given.")] = None,
     changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
     rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
     divergence: Annotated[str | None, typer.Option(help=_DIVERGENCE_HELP)] = None,
-    noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
+    noise: Annotated[float | None, typer.Option(min=0.0, help=_NOISE_HELP)] = None,
+    config: Annotated[Path | None, typer.Option(help="YAML file that says what to run; a flag goes before what the file says.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = os.cpu_count() or 1,
+    engine: Annotated[str, typer.Option(help="local: processes of this machine; ray: Ray's (the extra called ray).")] = "local",
+    address: Annotated[str | None, typer.Option(help="With --engine ray: a cluster, all of whose cores are used. Its machines have to share OUT.")] = None,
 ) -> None:
     """Run every combination of the given tasks, methods, sample sizes and seeds, and print the table.
 
-    It can be stopped at any time and called again: what is there is not run again. A run that fails is named at the end; the others go on.
+    Examples: python -m mpge_bench sweep --task broken_hopper --task heavy_hopper --method gat --method mpge --seeds 5
+
+    python -m mpge_bench sweep --config sweep.yaml --seeds 1 --out tried
+
+    A file has the keys tasks, methods and samples (lists), seeds (how many), preset, set (a list of KEY=VALUE) and noise; docs/benchmark.md shows one.
+    The plan is printed first; how long it takes is told by results of the same runs with other seeds, in OUT or leaderboard/results.
+    A sweep can be stopped or killed at any time and called again: what is there is not run again. A run that fails is named, and the others go on; one whose
+    process is killed from outside (out of memory) is tried once more. Exit status 2 if any run failed.
     """
-    from mpge_bench.baselines.agent import compile_ahead
-    from mpge_bench.baselines.workers import worker_pool
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.harness.run import RunSettings, remove_remains
+    from mpge_bench.harness import engines
+    from mpge_bench.harness.plan import Grid, plan_of, read_grid
+    from mpge_bench.harness.sweep import Outcome
+    from mpge_bench.harness.sweep import sweep as make
     from mpge_bench.leaderboard.results import collect
     from mpge_bench.leaderboard.tables import sheets
-    from mpge_bench.policies import home
 
-    overrides = _overrides(changes, rollouts, divergence)
-    runs = [RunSettings(t, m, n, preset, s, overrides, noise) for s, n, t, m in product(range(seeds), samples or [1000], task, method)]
-    for settings in runs:
-        settings.effective()  # a wrong name is to be known before hours of work
-    # A method that draws no samples is run once for all budgets.
-    plan = list(dict.fromkeys(runs))
+    lists = {"tasks": task, "methods": method, "samples": samples, "set": _overrides(changes, rollouts, divergence)}
+    flags = {"seeds": seeds, "preset": preset, "noise": noise} | {key: tuple(value) if value else None for key, value in lists.items()}
+    asked = (read_grid(config) if config else {}) | {key: value for key, value in flags.items() if value is not None}
+    plan = plan_of(Grid(**asked), out, (out, Path("leaderboard/results")))
     failed: list[str] = []
-    if min(jobs, len(plan)) > 1:
-        compile_ahead()
-    try:
-        with ConsoleProgress() as progress, worker_pool(min(jobs, len(plan))) as pool:
-            progress.stage(f"{len(plan)} runs", len(plan))
-            for settings, result, error in pool.imap_unordered(_run_quietly, [(settings, out, policies or home(settings.task)) for settings in plan]):
-                name = settings.folder(Path())
-                if error:
-                    failed.append(f"{name}: {error}")
-                    progress.console.print(f"{name}: failed: {error}", markup=False)
-                else:
-                    normalized = result["normalized_return"] if result else None
-                    progress.console.print(f"{name}: " + ("done" if normalized is None else f"normalised return {normalized:.2f}"))
-                progress.advance(1)
-    except BaseException:
-        for settings in plan:
-            remove_remains(settings, out)
-        raise
+    with engines.engine(engine, jobs, address) as chosen, ConsoleProgress() as progress:
+
+        def tell(one: Outcome) -> None:
+            if one.again:
+                said = f"{one.error}; it is run once more"
+            elif one.error:
+                said = f"failed: {one.error}"
+                failed.append(f"{one.settings.folder(Path())}: {one.error}")
+            else:
+                normalized = one.result["normalized_return"] if one.result else None
+                said = "done" if normalized is None else f"normalised return {normalized:.2f}"
+            progress.console.print(f"{one.settings.folder(Path())}: {said}", markup=False, soft_wrap=True)
+            progress.advance(0 if one.again else 1)
+
+        _out.print(plan.words(chosen.processes), soft_wrap=True)
+        if plan.missing:
+            progress.stage(f"{len(plan.missing)} runs", len(plan.missing))
+            make(plan.missing, out, policies, chosen, tell)
     results = collect(out)
     for sheet in sheets(results) if len(results) else ():
         _wide().print(sheet.table())
     if failed:
-        raise UserError(f"{len(failed)} of {len(plan)} runs failed, first {failed[0]}")
-
-
-def _run_quietly(call: tuple[Any, Path, Path]) -> tuple[Any, dict[str, Any] | None, str | None]:
-    from mpge_bench.harness.run import run
-
-    settings, out, policies = call
-    try:
-        return settings, run(settings, out, policy_folder=policies), None
-    except Exception as error:  # one failed run must not take the others with it
-        return settings, None, one_line(error, named=not isinstance(error, UserError))
+        raise UserError(f"{len(failed)} of {len(plan.missing)} runs failed, first {failed[0]}")
 
 
 @app.command("train-policies")

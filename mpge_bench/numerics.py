@@ -47,6 +47,11 @@ def is_fixed() -> bool:
     return all(os.environ.get(name) == value for name, value in _WANTED.items())
 
 
+def environment() -> dict[str, str]:
+    """The variables that put a process which does not inherit them on this one's code path."""
+    return {name: os.environ[name] for name in (*_WANTED, _LEFT) if name in os.environ}
+
+
 def _has_avx2() -> bool:
     try:
         with open("/proc/cpuinfo") as file:

@@ -145,14 +145,19 @@ def settings_from(kind: type[Settings], data: Mapping[str, Any], path: str = "")
     unknown = sorted(str(key) for key in data if key not in fields)
     if unknown:
         raise UserError(f"unknown setting {', '.join(path + key for key in unknown)}; {kind.__name__} has {', '.join(fields) or 'none'}")
-    values = {key: _value(hints[key], value, path + key) for key, value in data.items()}
+    values = {key: checked(hints[key], value, path + key) for key, value in data.items()}
     missing = [path + name for name, field in fields.items() if name not in values and _required(field)]
     if missing:
         raise UserError(f"setting {', '.join(missing)} of {kind.__name__} is missing")
     return kind(**values)
 
 
-def _value(hint: Any, value: Any, key: str) -> Any:
+def checked(hint: Any, value: Any, key: str) -> Any:
+    """`value`, which the setting `key` is given, as the type `hint` has it.
+
+    Raises:
+        UserError: if it is of another type.
+    """
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if dataclasses.is_dataclass(hint):
         if not isinstance(value, Mapping):
@@ -166,8 +171,11 @@ def _value(hint: Any, value: Any, key: str) -> Any:
         raise UserError(f"setting {key} takes true or false, not {value!r}")
     if get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
-            raise UserError(f"setting {key} takes a list, such as [0.1, 0.2], not {value!r}")
-        return tuple(_value(get_args(hint)[0], one, key) for one in value)
+            example = "[one, other]" if get_args(hint)[0] is str else "[0.1, 0.2]"
+            raise UserError(f"setting {key} takes a list, such as {example}, not {value!r}")
+        return tuple(checked(get_args(hint)[0], one, key) for one in value)
+    if hint is str and not isinstance(value, str):
+        raise UserError(f"setting {key} takes text, not {value!r}")
     if hint is int and isinstance(value, float) and value.is_integer():
         return int(value)
     if (hint is float and not number) or (hint is int and not (number and isinstance(value, int))):

@@ -48,6 +48,10 @@ from mpge_bench.provenance import commit
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
 #: In a run's partial folder, held while the run is made.
 _LOCK = "lock"
+#: A run waits so long for another process that is at it, s: one whose sweep or node of a cluster was killed is gone by then.
+_DYING = 10.0
+#: How often it looks, s.
+_LOOK = 0.1
 #: Beside it: what the run was asked for and by which libraries and physics, so that only the very same run goes on from its groundings.
 _ASKED = "asked.json"
 
@@ -152,16 +156,21 @@ def run(
     # What is missing shall be known before the work, not after it.
     known = references(settings.task, policy_folder)
     problem = problem_of(settings, chosen, policy_folder)
-    with _own_folder(settings, out) as partial:
+    with _own_folder(settings, out, _DYING) as partial:
+        present = present_result(settings, out, chosen)
+        if present:  # whoever had the folder has finished it
+            return present
         resumed = _taken_up(partial, {"settings": asdict(settings), "chosen": asdict(chosen), "made_from": known.made_from, "versions": _versions()})
         data = _made(settings, chosen, problem, known, partial, progress, jobs)
         data["machine"]["resumed"] = resumed
         written = json.dumps(data, indent=1, default=_plain)
         (partial / "result.json").write_text(written + "\n")
         shutil.rmtree(folder, ignore_errors=True)
-        for path in (partial / _LOCK, partial / _ASKED, *partial.rglob(FINISHED)):
+        for path in (partial / _ASKED, *partial.rglob(FINISHED)):
             path.unlink()
+        # The lock last: without it the folder would be another's who waits for it.
         partial.replace(folder)
+        (folder / _LOCK).unlink()
     return dict(json.loads(written))
 
 
@@ -240,17 +249,15 @@ def _stored(folder: Path, result: Result, policy: Policy, task: Task) -> dict[st
 
 
 @contextmanager
-def _own_folder(settings: RunSettings, out: Path) -> Iterator[Path]:
+def _own_folder(settings: RunSettings, out: Path, wait: float = 0.0) -> Iterator[Path]:
     """The run's folder ``….partial``, this process's alone; removed at the end, unless it was moved to its final place or holds finished groundings.
 
     Raises:
-        UserError: if it cannot be written to, or another process is at work in it.
+        UserError: if it cannot be written to, or another process is at work in it and still is after `wait` seconds.
     """
     partial = settings.partial(out)
     try:
-        partial.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(partial / _LOCK)
-        lock.acquire(timeout=0)
+        lock = _locked(partial, time.monotonic() + wait)
     except Timeout as error:
         raise UserError(f"{settings.folder(out)}: another process is making this result; wait for it, or choose another folder with --out") from error
     except OSError as error:
@@ -261,6 +268,21 @@ def _own_folder(settings: RunSettings, out: Path) -> Iterator[Path]:
         if not any(partial.rglob(FINISHED)):
             shutil.rmtree(partial, ignore_errors=True)
         lock.release()
+
+
+def _locked(folder: Path, until: float) -> FileLock:
+    """A lock on `folder`, which is made at need; whoever has it may let go `until` then, or move the folder to its final place."""
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / _LOCK)
+        try:
+            lock.acquire(timeout=0)
+        except (Timeout, FileNotFoundError):
+            if time.monotonic() >= until:
+                raise
+            time.sleep(_LOOK)
+        else:
+            return lock
 
 
 def _taken_up(partial: Path, asked: dict[str, Any]) -> bool:

@@ -58,17 +58,27 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path, i
     assert "| biased_pendulum | 50 | smoke | mpge | T | 1 |" in out
 
 
-def test_sweep_goes_on_where_it_stopped_and_past_failures(policy_folder, tmp_path, in_process):
-    arguments = ["sweep", "--task", "biased_pendulum", "--method", "direct", "--samples", 50, "--preset", "smoke", "--policies", policy_folder]
-    arguments += ["--out", tmp_path / "out", "--jobs", 1]
-    code, _, err = in_process(*arguments, "--seeds", 1)
-    assert code == 0, err
-    stamp = (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed0/result.json").stat().st_mtime_ns
-    code, _, err = call(*arguments, "--seeds", 2, "--task", "broken_hopper")
+def test_sweep_goes_on_where_it_was_killed_and_past_failures(policy_folder, tmp_path):
+    config, out = tmp_path / "sweep.yaml", tmp_path / "out"
+    config.write_text("tasks: [biased_pendulum]\nmethods: [direct]\nsamples: [50]\nseeds: 100\npreset: smoke\n")
+    arguments = ("sweep", "--config", config, "--policies", policy_folder, "--out", out, "--jobs", 1)
+    process = start(*arguments)
+    while not list(out.rglob("seed?/result.json")):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.02)
+    process.kill()
+    process.communicate(timeout=PATIENCE)
+    there = {path: path.stat().st_mtime_ns for path in out.rglob("seed?/result.json")}
+    # Of the other pair there are no policies here.
+    code, said, err = call(*arguments, "--task", "biased_pendulum", "--task", "broken_hopper", "--seeds", len(there) + 1)
     assert code == 2
-    assert "2 of 4 runs failed" in err
-    assert (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed0/result.json").stat().st_mtime_ns == stamp
-    assert (tmp_path / "out/biased_pendulum/direct/n0/smoke/seed1/result.json").exists()
+    assert said.startswith(f"{2 * len(there) + 2} runs, ")
+    assert " of them there already; " in said
+    assert "runs failed, first broken_hopper/direct/n0/smoke/seed0: " in err
+    found = {path: path.stat().st_mtime_ns for path in out.rglob("seed?/result.json")}
+    assert len(found) == len(there) + 1
+    assert found | there == found
+    assert list(out.rglob("*.partial")) == []
 
 
 def test_sweep_names_a_method_that_fails_and_goes_on(policy_folder, tmp_path):
@@ -134,6 +144,8 @@ def test_wrong_names(refused):
     assert "unknown setting nonsense; MPGSettings has rollouts, policies" in refused("run", "--set", "nonsense=1")
     assert "setting grounding.discriminator.divergence is 'kl'; choose one of: gail" in refused("run", "--divergence", "kl")
     assert "no result.json below it" in refused("leaderboard", "nowhere")
+    assert "unknown engine 'slurm'" in refused("sweep", "--task", "biased_pendulum", "--method", "direct", "--engine", "slurm")
+    assert "nothing to run; give --task and --method" in refused("sweep", "--method", "direct")
 
 
 def test_a_mistake_ends_with_one_line_and_status_2():

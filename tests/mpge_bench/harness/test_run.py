@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import json
 import textwrap
+import threading
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from mpge_bench.baselines import mpg
 from mpge_bench.baselines.mpg import MPG
 from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs.errors import UserError
+from mpge_bench.harness import run as harness_run
 from mpge_bench.harness.run import RunSettings, present_result, read_result, remove_remains, run, stored_run
 from mpge_bench.leaderboard.results import collect
 
@@ -160,11 +162,12 @@ def test_remains_of_a_killed_run_do_not_disturb(policy_folder, tmp_path):
     assert not remains.exists()
 
 
-def test_a_run_that_another_process_is_at_is_left_alone(policy_folder, tmp_path):
+def test_a_run_that_another_process_is_at_is_left_alone(policy_folder, tmp_path, monkeypatch):
     settings = RunSettings("biased_pendulum", "direct", 50, "smoke", 0)
     half = settings.partial(tmp_path) / "tensorboard" / "half"
     half.parent.mkdir(parents=True)
     half.write_text("")
+    monkeypatch.setattr(harness_run, "_DYING", 0.0)
     with FileLock(settings.partial(tmp_path) / "lock"):
         with pytest.raises(UserError, match=r"seed0: another process is making this result; wait for it, or choose another folder with --out$"):
             run(settings, tmp_path, policy_folder=policy_folder)
@@ -172,6 +175,30 @@ def test_a_run_that_another_process_is_at_is_left_alone(policy_folder, tmp_path)
         assert half.exists()
     remove_remains(settings, tmp_path)
     assert not settings.partial(tmp_path).exists()
+
+
+def test_a_run_waits_for_another_process_at_it_and_takes_its_result(policy_folder, tmp_path):
+    settings = RunSettings("biased_pendulum", "direct", preset="smoke")
+    made = run(settings, tmp_path, policy_folder=policy_folder)
+    folder, partial = settings.folder(tmp_path), settings.partial(tmp_path)
+    written = (folder / "result.json").stat().st_mtime_ns
+    # As if the other one had yet to move what it has made to its place.
+    folder.replace(partial)
+    lock = FileLock(partial / "lock", thread_local=False)
+    lock.acquire()
+
+    def finish():
+        partial.replace(folder)
+        (folder / "lock").unlink()
+        lock.release()
+
+    other = threading.Timer(0.5, finish)
+    other.start()
+    assert run(settings, tmp_path, policy_folder=policy_folder) == made
+    other.join()
+    assert (folder / "result.json").stat().st_mtime_ns == written
+    assert {path.name for path in folder.iterdir()} == {"result.json", "policy.safetensors"}
+    assert not partial.exists()
 
 
 def test_unreadable_result_is_one_line(tmp_path):
