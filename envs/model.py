@@ -271,7 +271,7 @@ class Model:
         self.ties.append(tie)
 
     def add_rotor(self, joint: str, inertia: float, *, carried: bool = False) -> None:
-        """Gear a massless rotor to `joint` that adds `inertia`, kg m², to the joint's own.
+        """Gear a massless rotor to `joint` that adds `inertia`, kg m², to the joint's own; none where that is 0.
 
         Args:
             carried: the rotor sits on the joint's parent, spins `ROTOR_RATIO` times as fast and so adds inertia / ratio to the coupling with the parent's
@@ -286,6 +286,9 @@ class Model:
             raise UserError(f"{self.path}: armature is given for joint {joint}, which the model has not; it has {', '.join(self.joints)}")
         if not 0 <= inertia < math.inf:
             raise UserError(f"armature of joint {joint} is {inertia} kg m²; it must be finite and not negative")
+        if not inertia:
+            # Geared to what has neither mass nor inertia a joint goes astray in Bullet.
+            return
         if self.floating and not carried:
             self.flywheels[joint] = self.flywheels.get(joint, 0.0) + inertia
             return

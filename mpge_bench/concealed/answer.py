@@ -17,6 +17,8 @@ from mpge_bench.files import write_text
 OURS = "mpge_bench.concealed.answer:Ours"
 #: Where an answer is kept.
 ANSWER = "answer.json"
+#: Standard deviations that a 95% interval reaches either way.
+INTERVAL = 1.96
 #: A parameter's value and the ends of its 95% interval, each a number, a vector's numbers, or None where nothing is said.
 Said = tuple[Any, Any, Any]
 

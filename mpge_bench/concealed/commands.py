@@ -53,6 +53,13 @@ def score(
     folder: Annotated[Path, typer.Argument(help="Cases, as `make` writes them.")],
     diagnoser: Annotated[str | None, typer.Option(help="package.module:Class of your own; what it has to do stands in mpge_bench.concealed.answer.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for answers and scores. [default: FOLDER/scores]")] = None,
+    compare: Annotated[
+        str,
+        typer.Option(
+            help="Other corrections to learn from each case, too, with commas between: all_parameters (the usual parameters fitted at once, minutes a case and"
+            " more with the joints), residual (networks, with history, beside the simulator)."
+        ),
+    ] = "",
     only: Annotated[str, typer.Option(help="Cases whose name matches, such as 'c00*'.")] = "*",
     seconds: Annotated[float, typer.Option(min=1.0, help="Time budget of each diagnosis, in one process.")] = 150.0,
     jobs: Annotated[int, typer.Option(min=1, help="Diagnoses side by side.")] = _JOBS,
@@ -61,30 +68,34 @@ def score(
     """Diagnose cases and hold what is said against what is hidden. Stopped, it goes on where it was.
 
     Prints how often effects and places are right (alone, two, three at once), false alarms and false names, parameters, intervals, confidence, errors on
-    recordings that nobody has looked at, and time; writes scores.parquet and a page.
+    recordings that nobody has looked at, and time; writes scores.parquet and a page. What --compare has learnt of a case stays in its scores.
 
-    Example: python -m mpge_bench concealed score concealed
+    Example: python -m mpge_bench concealed score concealed --compare all_parameters,residual
     """
     from mpge_bench.concealed.answer import OURS
-    from mpge_bench.concealed.score import answered, cases_of, scored
-    from mpge_bench.concealed.summary import HEADS, lines, told, write
+    from mpge_bench.concealed.compare import comparators
+    from mpge_bench.concealed.score import answered, cases_of, compared, scored
+    from mpge_bench.concealed.summary import lines, table, write
     from mpge_bench.console import ConsoleProgress
 
     cases = [case for case in cases_of(folder) if fnmatch(case.given.name, only)]
     if not cases:
         raise UserError(f"--only {only}: no case in {folder} is called so")
+    others = comparators(compare)
     out = out or folder / "scores"
     with ConsoleProgress() as progress:
         answered(cases, diagnoser or OURS, out, seconds, jobs, progress)
+        compared(cases, others, out, jobs, progress)
         rows = scored(cases, out, jobs, progress)
     write(rows, f"{diagnoser or 'mpge_bench diagnose'} on {folder.name}", out)
     if as_json:
         typer.echo(json.dumps(rows, indent=1))
         return
-    table = Table(*HEADS, box=None)
-    for row in rows:
-        table.add_row(*told(row))
-    _out.print(table)
+    heads, cells = table(rows)
+    shown = Table(*heads, box=None)
+    for one in cells:
+        shown.add_row(*one)
+    _out.print(shown)
     for name, value in lines(rows):
         _out.print(f"{name}: {value}", soft_wrap=True)
     _out.print(f"{sum(row['passed'] for row in rows)} of {len(rows)} cases pass. Written to {out}: index.html (open it in a browser), scores.parquet")

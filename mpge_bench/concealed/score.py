@@ -13,17 +13,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mpge_bench.concealed.answer import ANSWER, Answer, Named, ask, diagnoser, kept, said, tied
+from mpge_bench.concealed.answer import ANSWER, INTERVAL, Answer, Named, ask, diagnoser, kept, said, tied
+from mpge_bench.concealed.compare import compare, file_of, kept_errors, unseen_error, with_effects
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.console import ConsoleProgress
-from mpge_bench.diagnosis.data.recording import Recording, read_recording
-from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.data.recording import read_recording
+from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
 
-#: s that errors are predicted ahead.
-HORIZON = 0.5
 #: Laws outside the catalogue that can be said as a formula, and the formulas' names, one of which is to be there; of a parameter that changes with time its
 #: effect's.
 FORMULAS = {
@@ -55,6 +53,16 @@ class Truth:
         """As label.yaml has them: effect, target, catalogued, value."""
         found: list[dict[str, Any]] = yaml.safe_load((self.kept / "label.yaml").read_text())["effects"]
         return found
+
+    @property
+    def recordings(self) -> list[Path]:
+        """That may be read."""
+        return sorted(self.given.glob("train_*"))
+
+    @property
+    def unseen(self) -> list[Path]:
+        """Recordings for scoring."""
+        return sorted(self.kept.glob("test_*"))
 
     @property
     def pairs(self) -> list[tuple[str, str]]:
@@ -92,8 +100,17 @@ def answered(cases: Sequence[Truth], address: str, out: Path, seconds: float, jo
     diagnoser(address)
     missing = [case for case in cases if not (out / case.given.name / ANSWER).exists()]
     progress.stage("diagnosing", len(missing))
-    asked = [(address, case.given / "rig.yaml", sorted(case.given.glob("train_*")), out / case.given.name, seconds) for case in missing]
+    asked = [(address, case.given / "rig.yaml", case.recordings, out / case.given.name, seconds) for case in missing]
     for _ in each_done(jobs, ask, asked):
+        progress.advance(1)
+
+
+def compared(cases: Sequence[Truth], names: Sequence[str], out: Path, jobs: int, progress: ConsoleProgress) -> None:
+    """Have the comparators `names` learn each case; OUT/CASE/NAME.json is kept, so that work goes on where it stopped."""
+    found = [(name, case.given / "rig.yaml", case.recordings, case.unseen, out / case.given.name) for case in cases for name in names]
+    missing = [one for one in found if not file_of(one[0], one[4]).exists()]
+    progress.stage("comparing", len(missing))
+    for _ in each_done(jobs, compare, missing):
         progress.advance(1)
 
 
@@ -114,10 +131,11 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         case, group, truth, found, remark, p_value, complete, seconds; `right`: effects and places exactly so; `credit`: 1 for that, 1/n where it is one of n
         answers that are said to be equals; alarm, false_name and formula (None where it is not asked); parameter_error, the largest relative one; inside
         and numbers, of 95% intervals; off, standard deviations by which each number is off by its interval; confidences, each with whether the effect is
-        there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at; passed.
+        there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at, and the same of comparators that
+        have learnt the case, by their names; passed.
     """
     answer, seconds = kept(out)
-    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": said(case.pairs), "seconds": seconds}
+    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": said(case.pairs), "seconds": seconds} | kept_errors(out)
     if isinstance(answer, str):
         return row | {"found": "failed", "remark": answer, "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
     found = answer.pairs
@@ -162,27 +180,23 @@ def numbers(case: Truth, answer: Answer) -> dict[str, Any]:
             for number, least, most, right in zip(*(np.atleast_1d(x) for x in (value, low, high, true)), strict=True):
                 if least is not None and most is not None:
                     half = (most if right > number else least) - number
-                    off.append([one["effect"], 1.96 * float((right - number) / abs(half)) if right != number and half else 0.0])
-    return {"parameter_error": worst, "numbers": len(off), "inside": sum(abs(value) <= 1.96 for _, value in off), "off": off}
+                    off.append([one["effect"], INTERVAL * float((right - number) / abs(half)) if right != number and half else 0.0])
+    return {"parameter_error": worst, "numbers": len(off), "inside": sum(abs(value) <= INTERVAL for _, value in off), "off": off}
 
 
 def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
     """Of unseen recordings."""
     rig = read_rig(case.given / "rig.yaml")
-    tests = [read_recording(path, rig) for path in sorted(case.kept.glob("test_*"))]
-    nothing = _error(rig, tests)
-    corrected = _error(read_rig(Path(answer.corrected)), tests) if answer.corrected and Path(answer.corrected).exists() else nothing
+    tests = [read_recording(path, rig) for path in case.unseen]
+    nothing = unseen_error(with_effects(rig), tests)
+    corrected = unseen_error(with_effects(read_rig(Path(answer.corrected))), tests) if answer.corrected and Path(answer.corrected).exists() else nothing
     true = None
     if not case.is_outside:
         # What our simulator cannot carry has no error.
         with suppress(UserError):
-            true = _error(rig, tests, rig.joined((), *(_effect(one) for one in case.effects)))
+            true = unseen_error(with_effects(rig, rig.joined((), *(_effect(one) for one in case.effects))), tests)
     return {"error": corrected, "nothing": nothing, "true": true}
 
 
 def _effect(one: dict[str, Any]) -> Effect:
     return effect_from_dict({"effect": one["effect"], "target": one["target"], **one["value"]})
-
-
-def _error(rig: Rig, recordings: Sequence[Recording], effects: Sequence[Effect] = ()) -> float:
-    return float(np.sqrt(np.mean([np.mean((simulate(rig, one, HORIZON, effects).q - one.q) ** 2) for one in recordings])))

@@ -18,6 +18,8 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 from scipy import stats
 
+from mpge_bench.concealed.answer import INTERVAL
+from mpge_bench.concealed.compare import COMPARATORS
 from mpge_bench.diagnosis.data.recording import write_table
 from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
 from mpge_bench.files import write_text
@@ -51,6 +53,7 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     if len(errors):
         before, after = np.median(errors, axis=0)
         yield "error on unseen recordings, times the true effects'", f"{after:.3f} (median of {len(errors)}; uncorrected {before:.3g})"
+    yield from _comparisons(rows)
     yield from ((f"confidence {low:.1f} to {low + 1 / _BINS:.1f}", text) for low, text in _calibration(rows))
     if short := sum(row.get("complete") is False for row in rows):
         yield "cut short by the time budget", f"{short} of {len(rows)}"
@@ -61,16 +64,34 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
 def coverage(off: Sequence[tuple[str, float]]) -> Iterator[tuple[str, str]]:
     """How many numbers lie in their 95% intervals, in all and by effect where some do not; from each number's effect and how far it is off (`score`)."""
     if off:
-        inside = sum(abs(value) <= 1.96 for _, value in off)
+        inside = sum(abs(value) <= INTERVAL for _, value in off)
         yield "numbers in their 95% intervals", f"{inside} of {len(off)} ({inside / len(off):.0%})"
-    for name in sorted({name for name, value in off if abs(value) > 1.96}):
-        own = [abs(value) <= 1.96 for effect, value in off if effect == name]
+    for name in sorted({name for name, value in off if abs(value) > INTERVAL}):
+        own = [abs(value) <= INTERVAL for effect, value in off if effect == name]
         yield f"  of {name}", f"{sum(own)} of {len(own)}"
 
 
 def _relative(rows: Sequence[dict[str, Any]]) -> npt.NDArray[np.float64]:
     """Errors of the uncorrected and of the corrected simulator as multiples of the true effects', where these are known, shape (cases, 2)."""
     return np.array([[row["nothing"] / row["true"], row["error"] / row["true"]] for row in rows if row.get("true")])
+
+
+def _comparisons(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """What other corrections of the same cases come to: beside ours of just these, in the true effects' errors or, where those are none, in the uncorrected."""
+    for name in compared(rows):
+        label, there = COMPARATORS[name][0], [row for row in rows if name in row and "error" in row]
+        for unit, beside in (("true", "times the true effects'"), ("nothing", "times the uncorrected, outside the catalogue")):
+            some = [row for row in there if row[name] is not None and row[unit] and (unit == "true" or row["true"] is None)]
+            if some:
+                theirs, own = (np.median([row[key] / row[unit] for row in some]) for key in (name, "error"))
+                yield f"{label}: error on unseen recordings, {beside}", f"{theirs:.3g} (median of {len(some)}; this diagnosis on them {own:.3g})"
+        if failed := sum(row[name] is None for row in there):
+            yield f"{label}: failed", f"{failed} of {len(there)}"
+
+
+def compared(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Comparators that any of the cases was given to."""
+    return [name for name in COMPARATORS if any(name in row for row in rows)]
 
 
 def _share(found: Sequence[bool]) -> str:
@@ -94,16 +115,20 @@ def write(rows: Sequence[dict[str, Any]], title: str, out: Path) -> None:
     """scores.parquet and index.html in `out`, each at once."""
     write_table(frame(rows), out / "scores.parquet")
     with matplotlib.rc_context(STYLE):
-        plots = [_accuracy(rows), _errors(rows)]
-    write_text(out / "index.html", page(title, list(lines(rows)), plots, HEADS, [told(row) for row in rows]))
+        plots = [_accuracy(rows), _errors(rows), _compared(rows)]
+    write_text(out / "index.html", page(title, list(lines(rows)), plots, *table(rows)))
 
 
-#: Of a table of cases.
-HEADS = ("case", "hidden", "found", "verdict", "right", "parameters off by", "error, times the true effects'", "uncorrected", "s")
+def table(rows: Sequence[dict[str, Any]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Heads and rows of a table of cases; errors as multiples of the true effects'."""
+    names = compared(rows)
+    others = [COMPARATORS[name][0] for name in names]
+    heads = ("case", "hidden", "found", "verdict", "right", "parameters off by", "error, times the true effects'", "uncorrected", *others, "s")
+    return heads, [_told(row, names) for row in rows]
 
 
-def told(row: dict[str, Any]) -> tuple[str, ...]:
-    """A row of that table."""
+def _told(row: dict[str, Any], names: Sequence[str]) -> tuple[str, ...]:
+    """Of the comparators `names`, too."""
     true, off = row.get("true"), row.get("parameter_error")
     return (
         row["case"],
@@ -114,6 +139,7 @@ def told(row: dict[str, Any]) -> tuple[str, ...]:
         "" if off is None else f"{off:.1%}",
         f"{row['error'] / true:.3f}" if true else "",
         f"{row['nothing'] / true:.1f}" if true else "",
+        *(f"{row[name] / true:.3g}" if true and row.get(name) is not None else "" for name in names),
         f"{row['seconds']:.0f}",
     )
 
@@ -164,6 +190,24 @@ def _errors(rows: Sequence[dict[str, Any]]) -> str | None:
     axes.set(xlabel="uncorrected simulator: error, times the true effects'", ylabel="corrected simulator")
     axes.legend()
     return drawn(figure, "Errors of positions .5 s ahead, on recordings that nobody has looked at; a dot a case.")
+
+
+def _compared(rows: Sequence[dict[str, Any]]) -> str | None:
+    """Errors of all corrections, as multiples of the true effects'."""
+    labels = {"nothing": "uncorrected"} | {name: COMPARATORS[name][0] for name in compared(rows)} | {"error": "this diagnosis"}
+    found = {label: [row[key] / row["true"] for row in rows if row.get("true") and row.get(key) is not None] for key, label in labels.items()}
+    if len(labels) == 2 or not all(found.values()):
+        return None
+    figure = Figure(figsize=(6.4, 0.8 + 0.5 * len(found)), layout="constrained")
+    axes = figure.add_subplot()
+    for place, values in enumerate(found.values()):
+        axes.plot(values, np.full(len(values), place), "o", color=COLOURS["after"], alpha=0.6, markersize=4)
+        axes.plot(np.median(values), place, "|", color="black", markersize=18)
+    axes.axvline(1, color="grey", linewidth=1)
+    axes.set(xscale="log", yticks=range(len(found)), yticklabels=list(found), xlabel="error, times the true effects'")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.invert_yaxis()
+    return drawn(figure, "Errors of each correction on recordings that nobody has looked at, .5 s ahead; a dot a case, a bar their median.")
 
 
 def drawn(figure: Figure, text: str) -> str:

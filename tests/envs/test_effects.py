@@ -719,6 +719,15 @@ def test_armature_adds_to_the_wheels_inertia(wheel: Path) -> None:
     assert torque_at(wheel, 3.0, Armature("hinge", 1.2)) == pytest.approx(3.0 / 3.0)
 
 
+def test_no_armature_is_as_none(arm: Path) -> None:
+    """A rotor without inertia was geared to the joint all the same, and Bullet then hardly let it turn."""
+    bare, none = World(arm, timestep=STEP), World(arm, timestep=STEP, effects=[Armature("elbow", 0.0)])
+    for world in (bare, none):
+        world.set_state(np.array([0.3, -0.5]), np.zeros(2))
+        world.step([1.0, 0.5])
+    assert none.dq.tolist() == bare.dq.tolist()
+
+
 @pytest.mark.parametrize("inertia", [0.01, 0.3, 5.0])
 def test_armature_changes_its_own_entry_of_the_mass_matrix_alone(arm: Path, inertia: float) -> None:
     bare, geared = World(arm, timestep=STEP), World(arm, timestep=STEP, iterations=50, effects=[Armature("shoulder", inertia), Armature("elbow", 2 * inertia)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
-from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted
+from mpge_bench.diagnosis.transitions.fit import Model, Pieces, Rows, fitted
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -33,7 +33,7 @@ class Identified:
 
 
 def at_once(
-    replay: Predictor, hypotheses: Sequence[Hypothesis], starts: int, rounds: int, seed: int, workers: Workers, settings: ReplaySettings
+    replay: Pieces, hypotheses: Sequence[Hypothesis], starts: int, rounds: int, seed: int, workers: Workers, settings: ReplaySettings
 ) -> Identified:
     """All `hypotheses` that can be absent, fitted together: from where the source is, and from random places about it.
 
@@ -52,7 +52,7 @@ def at_once(
 
 
 def _converged(
-    replay: Predictor, hypotheses: tuple[Hypothesis, ...], rows: Rows, rounds: int, settings: ReplaySettings, begin: Sequence[Sequence[float]]
+    replay: Pieces, hypotheses: tuple[Hypothesis, ...], rows: Rows, rounds: int, settings: ReplaySettings, begin: Sequence[Sequence[float]]
 ) -> tuple[Model, bool]:
     """Fitted on for as long as that gains, and whether it ended so."""
     model = fitted(replay, hypotheses, begin, rows, settings, settings.iterations_polish)

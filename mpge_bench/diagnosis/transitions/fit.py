@@ -20,8 +20,8 @@ Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
 
 
-class Predictor(Protocol):
-    """Pieces of recorded motion, each of which the simulator with any effects predicts: transitions, or windows of recordings."""
+class Pieces(Protocol):
+    """Pieces of recorded motion, each of which the simulator with any effects predicts: transitions, or windows of recordings. What a fit asks for."""
 
     def __len__(self) -> int: ...
 
@@ -29,15 +29,19 @@ class Predictor(Protocol):
     def entries(self) -> int:
         """Residuals of a piece."""
 
-    @property
-    def sets(self) -> int:
-        """Of how many draws, equally many pieces each, they are."""
-
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What it misses of the pieces `rows`, shape (rows, entries)."""
 
     def heads(self, total: int) -> Rows:
         """About `total` pieces to fit models to."""
+
+
+class Predictor(Pieces, Protocol):
+    """Pieces among which models can be searched for, too."""
+
+    @property
+    def sets(self) -> int:
+        """Of how many draws, equally many pieces each, they are."""
 
     def stretches(self, total: int, length: int) -> Rows:
         """About `total` pieces of all kinds of motion, in stretches of `length` where one leads to the next."""
@@ -132,7 +136,7 @@ class Parameters:
         workers: that share out many vectors; this process alone where there are none.
     """
 
-    replay: Predictor
+    replay: Pieces
     hypotheses: tuple[Hypothesis, ...]
     rows: Rows
     workers: Workers | None = None
@@ -182,7 +186,7 @@ def _left(parameters: Parameters, at: Array) -> Array:
 
 
 def fitted(
-    replay: Predictor,
+    replay: Pieces,
     hypotheses: Sequence[Hypothesis],
     values: Sequence[Sequence[float]],
     rows: Rows,

@@ -1,0 +1,92 @@
+"""Other ways to correct a simulator by the recordings of a case, and how well each then predicts recordings that nobody has looked at."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.data.recording import Recording, read_recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
+
+#: s that errors are predicted ahead.
+HORIZON = 0.5
+#: By name, how each is told, and ``module:function`` of a `Comparator`, imported when asked for: one of them needs torch.
+COMPARATORS = {
+    "all_parameters": ("all parameters at once", "mpge_bench.concealed.all_parameters:identified"),
+    "residual": ("neural residual", "mpge_bench.concealed.residual:trained"),
+}
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A corrected simulator.
+
+    Attributes:
+        predict: coordinates of a recording, shape (rows, joints), restarted from the recorded state every `HORIZON` s.
+        said: what there is to say of how it was learnt.
+    """
+
+    predict: Callable[[Recording], npt.NDArray[np.float64]]
+    said: Mapping[str, Any] = field(default_factory=dict)
+
+
+#: Corrects a rig by recordings.
+Comparator = Callable[[Rig, Sequence[Recording]], Learnt]
+
+
+def with_effects(rig: Rig, effects: Sequence[Effect] = ()) -> Learnt:
+    """`rig` with `effects`."""
+    return Learnt(lambda recording: simulate(rig, recording, HORIZON, effects).q)
+
+
+def unseen_error(learnt: Learnt, recordings: Sequence[Recording]) -> float:
+    """Root mean square of what `learnt` misses of the positions."""
+    return float(np.sqrt(np.mean([np.mean((learnt.predict(one) - one.q) ** 2) for one in recordings])))
+
+
+def comparators(names: str) -> list[str]:
+    """Those that are asked for, with commas between.
+
+    Raises:
+        UserError: if there is none of such a name.
+    """
+    found = [name for name in names.split(",") if name]
+    for name in found:
+        if name not in COMPARATORS:
+            raise UserError(f"--compare {name}: is none; choose of {', '.join(COMPARATORS)}, with commas between")
+    return found
+
+
+def compare(name: str, rig_path: Path, given: Sequence[Path], unseen: Sequence[Path], out: Path) -> None:
+    """Have comparator `name` learn from the recordings `given`, and keep its error on the `unseen` ones, or why it has none, in OUT/NAME.json."""
+    begun, rig = time.monotonic(), read_rig(rig_path)
+    module, _, function = COMPARATORS[name][1].partition(":")
+    comparator: Comparator = getattr(importlib.import_module(module), function)
+    try:
+        learnt = comparator(rig, [read_recording(path, rig) for path in given])
+        found = {"error": unseen_error(learnt, [read_recording(path, rig) for path in unseen]), **learnt.said}
+    except (UserError, np.linalg.LinAlgError) as error:
+        found = {"error": None, "failed": str(error)}
+    write_text(file_of(name, out), json.dumps({"seconds": time.monotonic() - begun, **found}, indent=1))
+
+
+def file_of(name: str, out: Path) -> Path:
+    """Where `compare` keeps what came of comparator `name`."""
+    return out / f"{name}.json"
+
+
+def kept_errors(out: Path) -> dict[str, float | None]:
+    """The errors that `compare` kept in `out`, by comparator; None of one that failed."""
+    return {name: json.loads(file_of(name, out).read_text())["error"] for name in COMPARATORS if file_of(name, out).exists()}
