@@ -29,7 +29,7 @@ SEEDS = {"source": range(5), "er": range(5), "target": range(3)}
 WORTH = 0.05
 #: What the entropy of those before is worth to a policy of an entropy-regularised set (MPGE, section 5).
 DIVERSITY = 0.1
-FOLDER = Path(__file__).parents[1] / "baselines" / "policies"
+FOLDER = Path(__file__).parent / "baselines" / "policies"
 
 
 def policy_path(task: Task, kind: str, seed: int, folder: Path = FOLDER) -> Path:
