@@ -44,8 +44,8 @@ def _too_fast(rig: Rig, recordings: Sequence[Recording]) -> UserError:
     which, joint = np.unravel_index(np.argmax(steps), np.shape(steps))
     unit = "m" if rig.model.is_prismatic(rig.joints[joint]) else "rad"
     return UserError(
-        f"{recordings[which].path}: the motion cannot be followed from row to row: {rig.joints[joint]} moves up to {steps[which][joint]:.2g} {unit} between two;"
-        " record more often, or move more slowly"
+        f"{recordings[which].path}: the motion cannot be followed from row to row: {rig.joints[joint]} moves up to {steps[which][joint]:.2g} {unit} between"
+        " two; record more often, or move more slowly"
     )
 
 
