@@ -41,7 +41,7 @@ def reference(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisSett
 
 def _too_fast(rig: Rig, recordings: Sequence[Recording]) -> UserError:
     steps = [np.abs(np.diff(one.q, axis=0)).max(0) for one in recordings]
-    which, joint = np.unravel_index(np.argmax(steps), np.shape(steps))
+    which, joint = (int(one) for one in np.unravel_index(np.argmax(steps), np.shape(steps)))
     unit = "m" if rig.model.is_prismatic(rig.joints[joint]) else "rad"
     return UserError(
         f"{recordings[which].path}: the motion cannot be followed from row to row: {rig.joints[joint]} moves up to {steps[which][joint]:.2g} {unit} between"
