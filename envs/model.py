@@ -266,8 +266,7 @@ class Model:
             UserError: if one of them is no movable joint.
         """
         for joint in (tie.joint, tie.other):
-            if joint not in self.joints:
-                raise UserError(f"no joint {joint!r}; the model has {', '.join(self.joints)}")
+            self._named(joint)
         self.ties.append(tie)
 
     def add_rotor(self, joint: str, inertia: float, *, carried: bool = False) -> None:
@@ -358,6 +357,39 @@ class Model:
             else:
                 element.set("type", "continuous")
         return ET.tostring(root)
+
+    def place(self, joint: str) -> Array:
+        """Where `joint` sits in the frame of the link that carries it, m, shape (3,)."""
+        return _vector(self._named(joint).find("origin"), "xyz", "0 0 0")
+
+    def axis(self, joint: str) -> Array:
+        """The axis of `joint` in its own frame, of length 1, shape (3,)."""
+        return _vector(self._named(joint).find("axis"), "xyz", "1 0 0")
+
+    def move_joint(self, joint: str, offset: Array) -> None:
+        """Put `joint`, with all that it carries, elsewhere by `offset`, m, in the frame of the link that carries it.
+
+        Raises:
+            UserError: if no movable joint has that name.
+        """
+        self._named(joint)
+        self._part(joint, "origin").set("xyz", " ".join(repr(float(value)) for value in self.place(joint) + offset))
+
+    def set_axis(self, joint: str, axis: Array) -> None:
+        """Give `joint` another axis, of length 1, in its own frame; what it carries stays where it is at position 0.
+
+        Raises:
+            UserError: if no movable joint has that name.
+        """
+        self._named(joint)
+        self._part(joint, "axis").set("xyz", " ".join(repr(float(value)) for value in axis))
+
+    def same_geometry(self, other: Model) -> bool:
+        """Whether the joints of both are in the same places, with the same axes."""
+        return all(
+            (one.origin == two.origin).all() and (one.axis == two.axis).all() and (one.turn == two.turn).all()
+            for one, two in zip(self.tree(), other.tree(), strict=True)
+        )
 
     def set_damping(self, joint: str, damping: float) -> None:
         """Give `joint` another damping, N m s/rad, in place of the file's."""
@@ -601,6 +633,12 @@ class Model:
         found = self._root.find(f"link[@name='{link}']/inertial")
         assert found is not None
         return found
+
+    def _named(self, joint: str) -> ET.Element:
+        """The movable joint that a user calls so."""
+        if joint not in self.joints:
+            raise UserError(f"no joint {joint!r}; the model has {', '.join(self.joints)}")
+        return self._joint(joint)
 
     def _joint(self, name: str) -> ET.Element:
         element = self._root.find(f"joint[@name='{name}']")

@@ -26,6 +26,7 @@ from mpge_bench.envs.effects.formula import (
     PeriodicGain,
     PeriodicTorque,
 )
+from mpge_bench.envs.effects.geometry import JointAxis, JointOrigin, LinkLength
 from mpge_bench.envs.effects.joint import (
     AirDrag,
     Armature,
@@ -67,11 +68,14 @@ __all__ = [
     "GroundTilt",
     "Hidden",
     "InertiaScale",
+    "JointAxis",
     "JointDamping",
     "JointElasticity",
+    "JointOrigin",
     "JointSpring",
     "Lag",
     "Latency",
+    "LinkLength",
     "LinkSize",
     "LoadFriction",
     "MassScale",

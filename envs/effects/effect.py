@@ -86,6 +86,8 @@ class Scale:
         rotor: inertia of the joint's rotor as the model has it, kg m².
         servo_period: s, between commands to a servo; 0 where commands are torques.
         before: joints that come before this one, each of which may be tied to it.
+        carried: whether another joint carries this one.
+        arm: from the origin of the link that carries this joint to it, m; 0 where no joint carries it.
     """
 
     torque: float
@@ -105,6 +107,8 @@ class Scale:
     rotor: float = 0.0
     servo_period: float = 0.0
     before: tuple[str, ...] = ()
+    carried: bool = False
+    arm: float = 0.0
 
 
 class Hidden:

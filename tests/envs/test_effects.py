@@ -115,11 +115,14 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "ground_height": {"height": (0.01, 0.02)},
     "ground_tilt": {"x": (0.1, 0.2), "y": (0.1, 0.2)},
     "inertia_scale": {"factor": (1.5, 2.0)},
+    "joint_axis": {"first": (5.0, 8.0), "second": (5.0, 8.0)},
     "joint_damping": {"damping": (3.0, 4.0)},
     "joint_elasticity": {"stiffness": (1000.0, 1200.0), "damping": (2.0, 4.0), "motor_inertia": (0.5, 0.6)},
+    "joint_origin": {"x": (0.05, 0.08), "y": (0.05, 0.08), "z": (0.05, 0.08)},
     "joint_spring": {"stiffness": (50.0, 60.0), "rest": (0.1, 0.2)},
     "lag": {"time_constant": (0.02, 0.025)},
     "latency": {"seconds": (0.011, 0.0115)},
+    "link_length": {"longer": (0.05, 0.08)},
     "link_size": {"length": (1.1, 1.2), "radius": (0.8, 0.9)},
     "load_friction": {"coefficient": (0.1, 0.2)},
     "mass_scale": {"factor": (1.1, 1.2)},
@@ -149,7 +152,7 @@ FURTHER: dict[str, dict[str, Any]] = {
     "unknown": {"signal": "dq"},
 }
 #: What changes nothing for a robot that moves in the plane of x and z.
-OUT_OF_PLANE = {("attached_mass", "y"), ("com_offset", "y")}
+OUT_OF_PLANE = {("attached_mass", "y"), ("com_offset", "y"), ("joint_origin", "y")}
 #: Where `TARGETS` would not do; the leg's joint is one that turns both ways.
 OTHER_TARGETS = {"contact_compliance": "foot", "contact_friction": "foot", "restitution": "foot", "one_way_friction": "leg_joint"}
 #: What shows in contact alone.
@@ -1005,7 +1008,7 @@ def test_every_parameter_of_every_effect_changes_the_motion() -> None:
 def test_what_leaves_the_plane_changes_the_motion_of_a_robot_that_does(name: str, parameter: str) -> None:
     motions = []
     for value in VALUES[name][parameter]:
-        world = ROBOTS["ant"].world([example(name, "foot_1", **{parameter: value})])
+        world = ROBOTS["ant"].world([example(name, {"link": "foot_1", "joint": "ankle_1"}[CATALOGUE[name].on], **{parameter: value})])
         world.set_state([0, 0, 5.0, 0, 0, 0, 1, 0, 0.7, 0, -0.8, 0, -0.8, 0, 0.8], np.full(14, 0.2))
         for _ in range(3):
             world.step([80.0, -60.0] * 4)

@@ -110,6 +110,7 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
     valid = motion.valid()
     q, dq = motion.layout.q(motion.state[valid]), motion.layout.dq(motion.state[valid])
     u = motion.u[valid]
+    carried = {joint.name: bool(rig.model.carriers(joint.parent)) for joint in rig.model.tree()}
     found = {}
     for column, joint in enumerate(rig.joints):
         command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
@@ -131,5 +132,7 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             duration=min(float(time[rows - 1] - time[0]) for time, rows in zip(motion.time, motion.rows, strict=True)),
             gravity=rig.gravity,
             before=rig.joints[:column],
+            carried=carried[joint],
+            arm=float(np.linalg.norm(rig.model.place(joint))) if carried[joint] else 0.0,
         )
     return found

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.predict.fast.rollout import inverse_dynamics
+from mpge_bench.diagnosis.predict.fast.trees import flat_tree
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.envs.dynamics import Tree, body_parameters
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.model import Model
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +53,9 @@ class BodyRegressor:
         linear = self._linear
         rig = linear.rig
         model = rig.changed(effects)
+        if not model.same_geometry(linear.model):
+            # Where joints are elsewhere, nothing is in proportion to the bodies' parameters as they are here.
+            return self._whole - self._asked_by(model, rig.rotors(effects))
         added = np.zeros(self._accelerations.shape)
         for link, columns in self._columns.items():
             change = body_parameters(*model.inertial(link)) - self._base[link]
@@ -68,3 +75,12 @@ class BodyRegressor:
             if inertia:
                 added[..., joint] -= inertia * self._accelerations[..., joint]
         return added
+
+    @functools.cached_property
+    def _whole(self) -> Array:
+        return self._asked_by(self._linear.model, self._linear.rotors.tolist())
+
+    def _asked_by(self, model: Model, rotors: list[float]) -> Array:
+        """All that `model` asks of the joints along the motion, shape (..., joints)."""
+        rig = self._linear.rig
+        return inverse_dynamics(flat_tree(model, rig.joints, rotors, rig.gravity), self._q, self._dq, self._accelerations)

@@ -26,8 +26,11 @@ from mpge_bench.envs.effects import (
     ExternalForce,
     Gravity,
     InertiaScale,
+    JointAxis,
+    JointOrigin,
     JointSpring,
     Lag,
+    LinkLength,
     MassScale,
     Payload,
     SensorBias,
@@ -124,6 +127,9 @@ EFFECTS: dict[str, Callable[[float], Effect]] = {
     "mass_scale": lambda size: MassScale("lower", 1 + 0.3 * size),
     "gravity": lambda size: Gravity("world", (size, 0.0, -9.81 + size)),
     "external_force": lambda size: ExternalForce("lower", (size, 0.0, size)),
+    "link_length": lambda size: LinkLength("elbow", 0.2 * size),
+    "joint_origin": lambda size: JointOrigin("elbow", 0.1 * size, 0.0, 0.1 * size),
+    "joint_axis": lambda size: JointAxis("elbow", 30 * size, 20 * size),
 }
 
 

@@ -21,10 +21,13 @@ from mpge_bench.envs.effects import (
     Delay,
     DriftingGain,
     Effect,
+    JointAxis,
     JointElasticity,
+    JointOrigin,
     JointSpring,
     Lag,
     Latency,
+    LinkLength,
     LoadFriction,
     OneWayFriction,
     OscillatingTorque,
@@ -136,7 +139,7 @@ WRITTEN: dict[type[Effect], tuple[int, Callable[..., _Written]]] = {
     UnknownTorque: (CURVE, lambda e, *_: ([_SIGNALS[e.signal], float(len(e.at))], 0, (*e.at, *e.torque))),
 }
 #: Effects on joints that act through the model alone.
-_SILENT = (Armature,)
+_SILENT = (Armature, JointAxis, JointOrigin, LinkLength)
 
 
 def has_law(effect: Effect) -> bool:
