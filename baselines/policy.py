@@ -157,9 +157,20 @@ class PolicySet:
             )
             for names in layers
         ]
-        if any(weight.ndim != 3 or bias.ndim != 2 for weight, bias in self._layers):
-            raise ValueError("a policy's weights are no matrices, or its biases no vectors")
-        self.action_size = self._layers[-1][1].shape[1] // 2
+        self.action_size = self._layers[-1][1].shape[-1] // 2
+        self._check_sizes()
+
+    def _check_sizes(self) -> None:
+        """Compiled loops look at no bounds: what does not fit would have them read beyond it."""
+        given: list[tuple[int, ...]] = [self._mean.shape, self._std.shape]
+        wanted: list[tuple[int, ...]] = [(self.members, self._mean.shape[-1])] * 2
+        inputs = self._mean.shape[-1]
+        for weight, bias in self._layers:
+            given += [weight.shape, bias.shape]
+            wanted += [(self.members, inputs, bias.shape[-1]), (self.members, bias.shape[-1])]
+            inputs = bias.shape[-1]
+        if given != wanted or inputs != 2 * self.action_size:
+            raise ValueError(f"a policy's statistics and layers do not fit together: they have the shapes {given}")
 
     def __len__(self) -> int:
         return self.members
@@ -173,6 +184,8 @@ class PolicySet:
 
     def distribution(self, observation: Array, member: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, both (n, actuators), at observations (n, o) of the policies with indices (n,)."""
+        if observation.shape[-1] != self._mean.shape[-1]:
+            raise ValueError(f"a policy of {self._mean.shape[-1]} observations was given {observation.shape[-1]}")
         x = np.clip((observation - self._mean[member]) / self._std[member], -CLIP, CLIP)
         out = outputs(x.astype(np.float32), member, *self._layers).astype(float)
         mean, log_std = out[:, : self.action_size], out[:, self.action_size :]

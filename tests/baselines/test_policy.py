@@ -159,3 +159,23 @@ def test_an_aggregated_policy_whose_sources_give_no_numbers_is_refused(hopper, m
     save_policy(tmp_path / "a.safetensors", state, {})
     with pytest.raises(UserError, match="its actions are no finite numbers"):
         load_state(tmp_path / "a.safetensors", 11, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("features_extractor.mean", (1,)),
+        ("features_extractor.std", (11, 1)),
+        ("mlp_extractor.policy_net.0.weight", (64, 1)),
+        ("mlp_extractor.policy_net.2.weight", (64, 32)),
+        ("mlp_extractor.policy_net.2.bias", (1,)),
+        ("action_net.weight", (2, 64)),
+    ],
+)
+def test_layers_that_do_not_fit_together_never_reach_the_compiled_loops(hopper, make_policy, name, shape):
+    """They look at no bounds: a grounding with a layer of another shape brought the process down."""
+    weights = dict(policy_set([make_policy(hopper)], 1.0).weights[0])
+    with pytest.raises(ValueError, match=r"do not fit together|must match exactly|number of dimensions"):
+        PolicySet([{**weights, name: np.ones(shape)}], 1.0)
+    with pytest.raises(ValueError, match="a policy of 11 observations was given 17"):
+        PolicySet([weights], 1.0).best(np.zeros((1, 17)), np.zeros(1, int))
