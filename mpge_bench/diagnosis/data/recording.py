@@ -23,6 +23,8 @@ from mpge_bench.files import parquet_table
 Array = npt.NDArray[np.float64]
 
 _PARQUET = (".parquet", ".pq")
+#: Numbers of nothing physical, of whose squares and products there may be none.
+_LARGEST = 1e50
 
 
 @dataclass(frozen=True)
@@ -124,9 +126,10 @@ def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     values = {}
     for column in [*_needed(rig), *(column for column in rig.columns["dq"] if column in table.columns)]:
         numbers = _numbers(table[column])
-        bad = np.flatnonzero(~np.isfinite(numbers))
-        if len(bad) and not (column in rig.columns["dq"] and len(bad) == len(numbers)):
-            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} is not a finite number; mend or cut this row")
+        bad = np.flatnonzero(~(np.abs(numbers) < _LARGEST))
+        if len(bad) and not (column in rig.columns["dq"] and np.isnan(numbers).all()):
+            what = f"is beyond {_LARGEST:g}" if np.isfinite(numbers[bad[0]]) else "is not a finite number"
+            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} {what}; mend or cut this row")
         values[column] = numbers
     return values
 
@@ -135,7 +138,7 @@ def _beside(table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     """The columns that are no part of the format and hold finite numbers throughout."""
     known = {*_needed(rig), *rig.columns["dq"], *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq", "enabled") for joint in rig.joints)}
     found = {str(name): _numbers(table[name]) for name in table.columns if name not in known}
-    return {name: values for name, values in found.items() if np.isfinite(values).all()}
+    return {name: values for name, values in found.items() if (np.abs(values) < _LARGEST).all()}
 
 
 def errors(predicted: Recording, recorded: Recording, rig: Rig) -> list[tuple[str, str, float, float]]:
