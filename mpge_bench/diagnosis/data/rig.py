@@ -217,8 +217,9 @@ def _described(path: Path, data: Mapping[str, Any]) -> Rig:
         model.rub_on(*ground)
     joints = data["joints"]
     check_joints(path, joints, model)
-    nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
-    nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
+    with reading(model.path, "MJCF file", "correct this number"):
+        nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
+        nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
     model.springs, model.armature = {}, {}
     for joint, settings in joints.items():
         check_mode(path, joint, settings)
