@@ -12,7 +12,6 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 import torch
-from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -21,6 +20,7 @@ from torch import nn
 
 from mpge_bench.baselines.kernels import outputs
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading
 
 Array = npt.NDArray[Any]
 
@@ -134,6 +134,9 @@ class PolicySet:
         weights: one state dict of `GaussianPolicy` a policy, all of one shape.
         limit: the action limit.
         least_std: lower bound of the standard deviation with which `sample` acts, in units of the limit.
+
+    Raises:
+        KeyError, ValueError: if something is missing, or of a shape that it cannot have.
     """
 
     def __init__(self, weights: Sequence[Mapping[str, Array]], limit: float, least_std: float = 0.0) -> None:
@@ -154,7 +157,20 @@ class PolicySet:
             )
             for names in layers
         ]
-        self.action_size = self._layers[-1][1].shape[1] // 2
+        self.action_size = self._layers[-1][1].shape[-1] // 2
+        self._check_sizes()
+
+    def _check_sizes(self) -> None:
+        """Compiled loops look at no bounds: what does not fit would have them read beyond it."""
+        given: list[tuple[int, ...]] = [self._mean.shape, self._std.shape]
+        wanted: list[tuple[int, ...]] = [(self.members, self._mean.shape[-1])] * 2
+        inputs = self._mean.shape[-1]
+        for weight, bias in self._layers:
+            given += [weight.shape, bias.shape]
+            wanted += [(self.members, inputs, bias.shape[-1]), (self.members, bias.shape[-1])]
+            inputs = bias.shape[-1]
+        if given != wanted or inputs != 2 * self.action_size:
+            raise ValueError(f"a policy's statistics and layers do not fit together: they have the shapes {given}")
 
     def __len__(self) -> int:
         return self.members
@@ -168,6 +184,8 @@ class PolicySet:
 
     def distribution(self, observation: Array, member: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, both (n, actuators), at observations (n, o) of the policies with indices (n,)."""
+        if observation.shape[-1] != self._mean.shape[-1]:
+            raise ValueError(f"a policy of {self._mean.shape[-1]} observations was given {observation.shape[-1]}")
         x = np.clip((observation - self._mean[member]) / self._std[member], -CLIP, CLIP)
         out = outputs(x.astype(np.float32), member, *self._layers).astype(float)
         mean, log_std = out[:, : self.action_size], out[:, self.action_size :]
@@ -257,24 +275,45 @@ def load_state(path: Path, observation_size: int, action_size: int) -> dict[str,
     """The state dict in the safetensors file `path`; loading it runs no code.
 
     Raises:
-        UserError: if the file is missing, corrupt or of a robot with other dimensions.
+        UserError: if the file is missing, corrupt, no policy that acts, or of a robot with other dimensions.
     """
-    try:
+    if not path.exists():
+        raise UserError(f"{path}: no such policy file; `python -m mpge_bench train-policies --task TASK` makes it")
+    with reading(path, "policy file", "make it anew with `python -m mpge_bench train-policies`"):
         state = load_file(path)
-    except FileNotFoundError as error:
-        raise UserError(f"{path}: no such policy file; `python -m mpge_bench train-policies --task TASK` makes it") from error
-    except (SafetensorError, OSError) as error:
-        raise UserError(f"{path}: not a readable policy file ({error}); make it anew with `python -m mpge_bench train-policies`") from error
-    try:
-        found = (state["features_extractor.mean"].shape[0], state["action_net.weight"].shape[0])
-        state["log_std_net.weight"], state["mlp_extractor.policy_net.2.weight"]
-    except (KeyError, IndexError) as error:
-        raise UserError(f"{path}: holds no policy of this benchmark (no {error}); `python -m mpge_bench train-policies` makes one") from error
-    if found != (observation_size, action_size):
-        raise UserError(
-            f"{path}: a policy for {found[0]} observations and {found[1]} actions, where the task has {observation_size} and {action_size};"
-            " give the policy of this robot"
-        )
+        if missing := sorted(_shapes(0, 0, 0).keys() - state.keys()):
+            raise UserError(f"holds no policy of this benchmark (no {missing[0]!r}); `python -m mpge_bench train-policies` makes one")
+        found = (state["features_extractor.mean"].numel(), state["action_net.bias"].numel())
+        if found != (observation_size, action_size):
+            raise UserError(
+                f"a policy for {found[0]} observations and {found[1]} actions, where the task has {observation_size} and {action_size};"
+                " give the policy of this robot"
+            )
+        _check(state, observation_size, action_size)
     for prefix in _SHARED:
         state |= {prefix + name: tensor for name, tensor in state.items() if name.startswith("features_extractor.")}
     return state
+
+
+def _shapes(observations: int, actions: int, width: int) -> dict[str, tuple[int, ...]]:
+    """What a file holds of a `GaussianPolicy` with layers of that width."""
+    sizes = {f"mlp_extractor.{net}.{layer}": (width, of) for net in ("policy_net", "value_net") for layer, of in ((0, observations), (2, width))}
+    sizes |= {"action_net": (actions, width), "log_std_net": (actions, width), "value_net": (1, width)}
+    shapes = {f"features_extractor.{name}": (observations,) for name in ("mean", "std")}
+    return shapes | {f"{name}.weight": size for name, size in sizes.items()} | {f"{name}.bias": size[:1] for name, size in sizes.items()}
+
+
+def _check(state: Mapping[str, torch.Tensor], observations: int, actions: int) -> None:
+    """Raise a ValueError where a tensor has another shape than it has to have, or holds what is no number, or actions are none."""
+    for name, shape in _shapes(observations, actions, state["action_net.weight"].shape[-1]).items():
+        if state[name].shape != shape:
+            raise ValueError(f"{name} has the shape {tuple(state[name].shape)}, not {shape}")
+    for name, tensor in state.items():
+        if not (tensor.is_floating_point() and tensor.isfinite().all()):
+            raise ValueError(f"{name} does not hold finite numbers alone")
+    if not (state["features_extractor.std"] > 0).all():
+        raise ValueError("features_extractor.std is not above 0")
+    with np.errstate(all="ignore"):
+        found = policy_from(state, 1.0).best(np.zeros((1, observations)), np.zeros(1, int))
+    if not np.isfinite(found).all():
+        raise ValueError("its actions are no finite numbers")

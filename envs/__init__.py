@@ -9,7 +9,7 @@ from mpge_bench.envs.env import RobotEnv
 from mpge_bench.envs.families import FAMILIES
 from mpge_bench.envs.robots import ROBOTS
 from mpge_bench.envs.task import Task
-from mpge_bench.envs.tasks import TASKS, get_task
+from mpge_bench.envs.tasks import TASKS, get_task, stated_task
 
 
 def _id(name: str) -> str:
@@ -58,4 +58,4 @@ for _family in FAMILIES.values():
 for _name, (_make, _steps) in CLASSICS.items():
     _register(FAMILY_IDS[_name], f"{_make.__module__}:{_make.__qualname__}", _steps)
 
-__all__ = ["FAMILIES", "FAMILY_IDS", "ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task", "make_instance", "make_pair"]
+__all__ = ["FAMILIES", "FAMILY_IDS", "ROBOTS", "SOURCE_IDS", "TARGET_IDS", "TASKS", "RobotEnv", "Task", "get_task", "make_instance", "make_pair", "stated_task"]

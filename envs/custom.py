@@ -9,11 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from mpge_bench.envs import yaml12
 from mpge_bench.envs.effects import effect_from_dict
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import reading, yaml_of
 from mpge_bench.envs.robots import ROBOTS
 from mpge_bench.envs.robots.urdf_robot import UrdfRobot
 from mpge_bench.envs.task import Task
@@ -52,10 +50,7 @@ def read_task(path: Path) -> Task:
     Raises:
         UserError: if the file cannot be read, or robot or effects are not right; source and target are loaded to find out.
     """
-    try:
-        data = yaml12.load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable YAML file ({one_line(error)}); give the path of a pair") from error
+    data = yaml_of(path, "YAML file", "give the path of a pair")
     if not isinstance(data, dict) or not {"robot", "effects"} <= set(data) <= {"name", "robot", "effects", "summary"}:
         got = " ".join(", ".join(map(str, data)).split()) if isinstance(data, dict) else "no mapping"
         raise UserError(f"{path}: a pair has robot and effects, and may have name and summary; got {got}")
@@ -66,11 +61,9 @@ def read_task(path: Path) -> Task:
         raise UserError(f"{path}: unknown robot {robot!r}; choose one of {', '.join(ROBOTS)}, or describe your own (model, actuators, ...)")
     if not isinstance(effects, list) or not effects:
         raise UserError(f"{path}: effects is a list of at least one effect, such as - {{effect: torque_gain, target: elbow, gain: 0.6}}")
-    try:
+    with reading(path, "pair", "docs/pairs.md describes one"):
         body = ROBOTS[robot] if isinstance(robot, str) else UrdfRobot.from_dict(name, robot, path.parent)
         task = Task(name, body, tuple(map(effect_from_dict, effects)), str(data.get("summary", "")), "", address=str(path))
         task.source()
         task.target()
-    except UserError as error:
-        raise UserError(f"{path}: {one_line(error)}") from error
     return task

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from mpge_bench.envs.engine import bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.mjcf import read_mjcf
+from mpge_bench.envs.reading import reading
 
 Array = npt.NDArray[np.float64]
 
@@ -116,10 +117,9 @@ class Model:
     def __init__(self, path: Path, *, floating: bool = False) -> None:
         self.path = path
         self.floating = floating
-        try:
+        with reading(path, "URDF or MJCF file", "give the path of a valid one"):
             self._root = ET.parse(path).getroot()
-        except (OSError, ET.ParseError, UnicodeDecodeError, ValueError) as error:
-            raise UserError(f"{path}: not a readable URDF or MJCF file ({error}); give the path of a valid one") from error
+            ET.tostring(self._root)  # what is nested too deeply to be written again is no robot's
         self.armature: dict[str, float] = {}
         self.springs: dict[str, tuple[float, float]] = {}
         if self._root.tag == "mujoco":

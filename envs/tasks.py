@@ -241,7 +241,7 @@ def get_task(name: str) -> Task:
     if name in TASKS:
         return TASKS[name]
     family, _, instance = name.rpartition("_")
-    if family in FAMILIES and instance.isdigit():
+    if family in FAMILIES and instance.isascii() and instance.isdigit():
         return FAMILIES[family].task(int(instance))
     if name.endswith((".yaml", ".yml")):
         return read_task(Path(name))
@@ -256,3 +256,14 @@ def get_task(name: str) -> Task:
         return TASKS[pair].at(severity)
     families = ", ".join(f"{family}_0 to _{INSTANCES - 1}" for family in FAMILIES)
     raise UserError(f"unknown task {name!r}; choose one of: {', '.join(TASKS)}, {families}; or give your own: path/to/pair.yaml or my_module:PAIR")
+
+
+def stated_task(name: str) -> Task:
+    """The pair that a file calls `name`: as `get_task`, but no module is imported because a file says so.
+
+    Raises:
+        UserError: if there is none, or it is in a module.
+    """
+    if ":" in name and not name.endswith((".yaml", ".yml")):
+        raise UserError(f"pair {name!r} is in a module, which is not imported because a file says so; describe the pair in a YAML file")
+    return get_task(name)

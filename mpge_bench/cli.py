@@ -17,7 +17,7 @@ from rich.table import Table
 
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
-from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.errors import UserError, one_line
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -26,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(concealed, name="concealed")
-_out = Console(highlight=False)
+_out = Console(highlight=False, markup=False)
 
 #: Characters that a normalised return of 1 is drawn with.
 _BAR = 10
@@ -37,6 +37,10 @@ _SET_HELP = "Change a setting of the preset, KEY=VALUE, for instance agent.steps
 _NOISE_HELP = "Noise on the target states that a method gets to see, as a share of each coordinate's spread."
 _ROLLOUTS_HELP = "Source policies that collect: ms (different seeds) or er (an entropy-regularised set). Short for --set rollouts=..."
 _DIVERGENCE_HELP = "Of garat, mpg and mpge: gail, airl, fairl or wail. Short for --set grounding.discriminator.divergence=..."
+_CONFIG_HELP = (
+    "Run what this result.json holds again, its settings and all; with --out and --jobs only. A pair or a method in a module of yours is imported if --task or"
+    " --method names it, too."
+)
 _POLICIES_HELP = "Folder with the source and target-optimal policies, if not the shipped ones."
 
 
@@ -51,7 +55,7 @@ def run(
     rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
     divergence: Annotated[str | None, typer.Option(help=_DIVERGENCE_HELP)] = None,
     noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
-    config: Annotated[Path | None, typer.Option(help="Run what this result.json holds again, its settings and all; with --out and --jobs only.")] = None,
+    config: Annotated[Path | None, typer.Option(help=_CONFIG_HELP)] = None,
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
@@ -73,7 +77,7 @@ def run(
     from mpge_bench.policies import home
 
     if config:
-        settings, chosen = harness.stored_run(config)
+        settings, chosen = harness.stored_run(config, (task, method))
         task = settings.task
     else:
         settings = harness.RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
@@ -133,8 +137,9 @@ def sweep(
 
     lists = {"tasks": task, "methods": method, "samples": samples, "set": _overrides(changes, rollouts, divergence)}
     flags = {"seeds": seeds, "preset": preset, "noise": noise} | {key: tuple(value) if value else None for key, value in lists.items()}
-    asked = (read_grid(config) if config else {}) | {key: value for key, value in flags.items() if value is not None}
-    plan = plan_of(Grid(**asked), out, (out, Path("leaderboard/results")))
+    given = {key: value for key, value in flags.items() if value is not None}
+    asked = (read_grid(config) if config else {}) | given
+    plan = plan_of(Grid(**asked), out, (out, Path("leaderboard/results")), None if given else config)
     failed: list[str] = []
     with engines.engine(engine, jobs, address) as chosen, ConsoleProgress() as progress:
 
@@ -689,7 +694,7 @@ def _update(page: str) -> None:
 
 def _wide() -> Console:
     """The terminal; a file or a pipe has no width of its own."""
-    return _out if _out.is_terminal else Console(highlight=False, width=140)
+    return _out if _out.is_terminal else Console(highlight=False, markup=False, width=140)
 
 
 def _show(result: dict[str, Any], folder: Path) -> None:
@@ -749,7 +754,7 @@ def main() -> None:
     try:
         app()
     except UserError as error:
-        print(f"mpge_bench: {error}", file=sys.stderr)
+        print(f"mpge_bench: {one_line(error)}", file=sys.stderr)
         sys.exit(2)
     except SystemExit as end:
         if end.code == 130:  # what Typer makes of Ctrl-C

@@ -18,7 +18,7 @@ class ConsoleProgress:
     """
 
     def __init__(self, label: str = "") -> None:
-        self.console = Console(stderr=True, highlight=False)
+        self.console = Console(stderr=True, highlight=False, markup=False)
         self._label = f"{label}: " if label else ""
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
         self._bars = Bars(*columns, console=self.console, transient=True, disable=not self.console.is_terminal)

@@ -1,8 +1,14 @@
-"""Files written at once or not at all."""
+"""Files written at once or not at all, and tables read whole or not at all."""
 
 from __future__ import annotations
 
 from pathlib import Path
+
+import pandas as pd
+import pyarrow.parquet as pq
+
+#: Values of a table beyond which it is none of ours: a Parquet file of some kilobytes may be as large as its maker liked.
+LARGEST = 50_000_000
 
 
 def write_text(path: Path, text: str) -> None:
@@ -10,3 +16,16 @@ def write_text(path: Path, text: str) -> None:
     partial = path.with_name(f".{path.name}.partial")
     partial.write_text(text, "utf-8")
     partial.replace(path)
+
+
+def parquet_table(path: Path) -> pd.DataFrame:
+    """The table in the Parquet file `path`.
+
+    Raises:
+        ValueError: if it is too large. What else is wrong pandas and pyarrow raise, of many kinds (see `reading`).
+    """
+    with path.open("rb") as file:
+        size = pq.read_metadata(file)
+    if size.num_rows * size.num_columns > LARGEST:
+        raise ValueError(f"it has {size.num_rows} rows of {size.num_columns} columns, more than {LARGEST} values")
+    return pd.read_parquet(path)

@@ -11,6 +11,7 @@ from safetensors.numpy import load_file, save_file
 
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.workers import Advance
+from mpge_bench.envs.reading import reading
 
 #: In the folder of a grounding's curves; the harness takes it out of a result.
 NAME = "finished.safetensors"
@@ -21,10 +22,11 @@ def taken_up(ground: Callable[..., dict[int, dict[str, Array]]], call: tuple[Any
     path = folder / NAME
     if path.exists():
         found: dict[int, dict[str, Array]] = {}
-        for key, value in load_file(path).items():
-            steps, _, name = key.partition(".")
-            found.setdefault(int(steps), {})[name] = value
-        advance(max(found))
+        with reading(path, "file of finished groundings", "remove it and run again"):
+            for key, value in load_file(path).items():
+                steps, _, name = key.partition(".")
+                found.setdefault(int(steps), {})[name] = value
+            advance(max(found))
         return dict(sorted(found.items()))
     made = ground(*call, folder, advance)
     half = path.with_suffix(".partial")

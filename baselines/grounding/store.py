@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save_file
 
 from mpge_bench.baselines.vector import Transformation
 from mpge_bench.envs.custom import import_object
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading
 
 #: Classes that can be stored, by the name in the file. Each has `state()`, plain tensors by name, and `from_state(state)`.
 _KINDS = {
@@ -33,22 +35,34 @@ def save_grounding(path: Path, grounding: Transformation) -> bool:
     return True
 
 
-def load_grounding(path: Path) -> Transformation:
+def load_grounding(path: Path, observation_size: int, action_size: int) -> Transformation:
     """The grounding in the file `path`.
 
     Raises:
-        UserError: if it is none.
+        UserError: if it is none, or none for so many observations and actions.
     """
-    try:
+    with reading(path, "grounding", "run the method again"):
         with safe_open(path, "pt") as file:
             kind = (file.metadata() or {}).get("grounding", "")
             state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
-    except (OSError, SafetensorError) as error:
-        raise UserError(f"{path}: not a readable grounding ({error}); run the method again") from error
-    if kind not in _KINDS:
-        raise UserError(f"{path}: holds no grounding of a known kind; known: {', '.join(_KINDS)}")
-    found: Any = import_object(_KINDS[kind], "a grounding")
-    return found.from_state(state)  # type: ignore[no-any-return]
+        if kind not in _KINDS:
+            raise UserError(f"holds no grounding of a known kind; known: {', '.join(_KINDS)}")
+        for name, tensor in state.items():
+            if not (tensor.is_floating_point() and tensor.isfinite().all()):
+                raise ValueError(f"{name} does not hold finite numbers alone")
+        kept: Any = import_object(_KINDS[kind], "a grounding")
+        found: Transformation = kept.from_state(state)
+        _try(found, observation_size, action_size)
+    return found
+
+
+def _try(grounding: Transformation, observation_size: int, action_size: int) -> None:
+    """Raise a ValueError where `grounding` gives no finite actions."""
+    count = max(1, grounding.members)
+    with np.errstate(all="ignore"):
+        actions = grounding(np.zeros((count, observation_size)), np.zeros((count, action_size)), np.arange(count))
+    if actions.shape != (count, action_size) or not np.isfinite(actions).all():
+        raise ValueError(f"it gives no finite actions, of which there are to be {action_size}")
 
 
 def beside(**parts: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -13,9 +12,11 @@ import yaml
 
 from mpge_bench.envs import yaml12
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import reading, yaml_of
 from mpge_bench.envs.severity import base_name
 
 FOLDER = Path(__file__).parent
+_ADVICE = f"see mpg.yaml in {FOLDER} for what one looks like"
 #: What every method is run under; its file may have further ones of its own.
 PRESETS = ("smoke", "standard", "paper")
 #: Keys of a preset file that are no presets: the file it builds upon, and what holds for every preset.
@@ -52,22 +53,26 @@ def _merge(base: dict[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
+def _path(name: str | Path) -> Path:
+    return name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
+
+
 def _files(name: str | Path | None) -> list[dict[str, Any]]:
     """The contents of the preset file `name` and of those that it inherits, the last of which comes first."""
     if name is None:
         return []
-    path = name if isinstance(name, Path) else FOLDER / f"{name}.yaml"
-    with _readable(path):
-        data = yaml12.load(path.read_text())
-        return [*_files(data.get("inherits")), data]
-
-
-@contextmanager
-def _readable(name: str | Path | None) -> Iterator[None]:
-    try:
-        yield
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, TypeError) as error:
-        raise UserError(f"{name}: not a readable preset file ({one_line(error)}); see mpg.yaml in {FOLDER} for what one looks like") from error
+    path = _path(name)
+    data = yaml_of(path, "preset file", _ADVICE)
+    with reading(path, "preset file", _ADVICE):
+        if not isinstance(data, dict):
+            raise ValueError(f"it holds no mapping but a {type(data).__name__}")
+        for section, keys in data.items():
+            if section != "inherits" and not (isinstance(keys, dict) and all(isinstance(one, dict | None) for one in keys.values())):
+                raise ValueError(f"{section} is no mapping of tasks to settings")
+        inherits = data.get("inherits")
+        if inherits is not None and not (isinstance(inherits, str) and (FOLDER / f"{inherits}.yaml").parent == FOLDER):
+            raise ValueError(f"inherits is {inherits!r}, and not the name of one of the presets' own files")
+        return [*_files(inherits), data]
 
 
 def presets_of(name: str | Path | None) -> list[str]:
@@ -96,11 +101,10 @@ def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[st
     if preset not in presets_of(name):
         raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(presets_of(name))}")
     base: dict[str, Any] = {}
-    with _readable(name):
-        for data in _files(name):
-            for section in ("all", preset):
-                for key in dict.fromkeys(("default", base_name(task), task)):
-                    base = _merge(base, data.get(section, {}).get(key) or {})
+    for data in _files(name):
+        for section in ("all", preset):
+            for key in dict.fromkeys(("default", base_name(task), task)):
+                base = _merge(base, data.get(section, {}).get(key) or {})
     return base
 
 
@@ -131,7 +135,11 @@ def load_settings(kind: type[Settings], name: str | Path | None, preset: str, ta
     Raises:
         UserError: if there is no such preset, or a key or value is wrong.
     """
-    return settings_from(kind, _merge(load_preset(name, preset, task), overrides or {}))
+    base = load_preset(name, preset, task)
+    if name is not None:
+        with reading(_path(name), "preset file", _ADVICE):
+            settings_from(kind, base)  # what is wrong in the file is not the overrides' fault
+    return settings_from(kind, _merge(base, overrides or {}))
 
 
 def settings_from(kind: type[Settings], data: Mapping[str, Any], path: str = "") -> Settings:

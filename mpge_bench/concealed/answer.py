@@ -3,24 +3,59 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from reprlib import repr as shortly
 from typing import Any, Protocol
 
+from mpge_bench.diagnosis.verdict.result import SCHEMA
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
+from mpge_bench.form import check
 
 #: The address of ours.
 OURS = "mpge_bench.concealed.answer:Ours"
 #: Where an answer is kept.
 ANSWER = "answer.json"
+#: What `mpge_bench diagnose` says for programs.
+DIAGNOSIS = "diagnosis.json"
 #: Standard deviations that a 95% interval reaches either way.
 INTERVAL = 1.96
 #: A parameter's value and the ends of its 95% interval, each a number, a vector's numbers, or None where nothing is said.
 Said = tuple[Any, Any, Any]
+
+
+_WHAT, _ADVICE = "answer", "remove it, and the case is diagnosed again"
+#: What a file of an answer holds, as `misfits` takes it, and each of its effects.
+_FORM = {
+    "mismatch": "yes or no",
+    **dict.fromkeys(("effects", "equals", "laws"), "list"),
+    "places": "list of texts",
+    "corrected": "text?",
+    "p_value": "number?",
+    "remark": "text",
+    "complete": "yes or no",
+}
+_NAMED = {"effect": "text", "target": "text", "parameters": "mapping", "confidence": "number?"}
+#: What is read here of diagnosis.json.
+_DIAGNOSIS = {
+    "schema": "text",
+    "verdict": "text",
+    "p_value": "number?",
+    "complete": "yes or no",
+    "indistinguishable": "list of lists of texts",
+    **dict.fromkeys(("effects", "where", "detectable"), "list"),
+}
+_ENTRIES = {
+    "effects": _NAMED,
+    "where": {"kind": "text", "name": "text"},
+    "detectable": {"effect": "text", "target": "text", "size": "number?"},
+}
 
 
 @dataclass(frozen=True)
@@ -78,8 +113,18 @@ class Answer:
 
     @classmethod
     def from_json(cls, text: str) -> Answer:
-        """What `to_json` wrote."""
+        """What `to_json` wrote.
+
+        Raises:
+            ValueError, TypeError: if it is something else.
+        """
         data = json.loads(text)
+        check(data, _FORM)
+        for one in data["effects"]:
+            check(one, _NAMED)
+        for pair in itertools.chain(data["laws"], *data["equals"]):
+            if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
+                raise ValueError(f"{shortly(pair)} is no pair of an effect, or a law, and what it acts on")
         data["effects"] = [Named(**{**one, "parameters": {name: tuple(said) for name, said in one["parameters"].items()}}) for one in data["effects"]]
         data["equals"], data["laws"] = [[tuple(one) for one in equal] for equal in data["equals"]], [tuple(one) for one in data["laws"]]
         return cls(**data)
@@ -109,8 +154,35 @@ class Ours:
 
 
 def answer_of(out: Path) -> Answer:
-    """The answer in diagnosis.json and corrected.yaml of the folder `out`."""
-    data = json.loads((out / "diagnosis.json").read_text())
+    """The answer in diagnosis.json and corrected.yaml of the folder `out`.
+
+    Raises:
+        UserError: if diagnosis.json is none.
+    """
+    data = diagnosis_in(out)
+    with reading(out / DIAGNOSIS, "diagnosis", "diagnose again"):
+        return _answer(data, out)
+
+
+def diagnosis_in(out: Path) -> dict[str, Any]:
+    """The content of diagnosis.json of the folder `out`, of today's schema.
+
+    Raises:
+        UserError: if it is none.
+    """
+    path = out / DIAGNOSIS
+    data: dict[str, Any] = json_of(path, "diagnosis", "diagnose again")
+    with reading(path, "diagnosis", "diagnose again"):
+        check(data, _DIAGNOSIS)
+        if data["schema"] != SCHEMA:
+            raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA}")
+        for name, form in _ENTRIES.items():
+            for one in data[name]:
+                check(one, form)
+    return data
+
+
+def _answer(data: Mapping[str, Any], out: Path) -> Answer:
     named = [one for one in data["effects"] if one["effect"] != "unknown"]
     effects = [Named(one["effect"], one["target"], {key: _said(value) for key, value in one["parameters"].items()}, one["confidence"]) for one in named]
     chosen = {(one.effect, one.target) for one in effects}
@@ -136,10 +208,18 @@ def ask(address: str, rig: Path, recordings: Sequence[Path], out: Path, seconds:
 
 
 def kept(out: Path) -> tuple[Answer | str, float]:
-    """What `ask` kept in `out`: the answer, or how the diagnoser failed; and the seconds it took."""
-    data = json.loads((out / ANSWER).read_text())
-    seconds = data.pop("seconds")
-    return data["failed"] if "failed" in data else Answer.from_json(json.dumps(data)), seconds
+    """What `ask` kept in `out`: the answer, or how the diagnoser failed; and the seconds it took.
+
+    Raises:
+        UserError: if that is no answer.
+    """
+    data = json_of(out / ANSWER, _WHAT, _ADVICE)
+    with reading(out / ANSWER, _WHAT, _ADVICE):
+        check(data, {"seconds": "number"})
+        seconds = data.pop("seconds")
+        if "failed" in data:
+            check(data, {"failed": "text"})
+        return data["failed"] if "failed" in data else Answer.from_json(json.dumps(data)), seconds
 
 
 def _said(parameter: Mapping[str, Any]) -> Said:

@@ -19,7 +19,7 @@ app = typer.Typer(
     " recordings (spike).",
     no_args_is_help=True,
 )
-_out = Console(highlight=False)
+_out = Console(highlight=False, markup=False)
 _JOBS = os.cpu_count() or 1
 
 

@@ -18,8 +18,11 @@ from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
+from mpge_bench.form import check
 
+_WHAT, _ADVICE = "comparison", "remove it, and it is made again"
 #: s that errors are predicted ahead.
 HORIZON = 0.5
 #: By name, how each is told, and ``module:function`` of a `Comparator`, imported when asked for: one of them needs torch.
@@ -88,5 +91,16 @@ def file_of(name: str, out: Path) -> Path:
 
 
 def kept_errors(out: Path) -> dict[str, float | None]:
-    """The errors that `compare` kept in `out`, by comparator; None of one that failed."""
-    return {name: json.loads(file_of(name, out).read_text())["error"] for name in COMPARATORS if file_of(name, out).exists()}
+    """The errors that `compare` kept in `out`, by comparator; None of one that failed.
+
+    Raises:
+        UserError: if one is in a file that cannot be read.
+    """
+    found = {}
+    for path, name in ((file_of(name, out), name) for name in COMPARATORS):
+        if path.exists():
+            data = json_of(path, _WHAT, _ADVICE)
+            with reading(path, _WHAT, _ADVICE):
+                check(data, {"error": "number?"})
+            found[name] = data["error"]
+    return found

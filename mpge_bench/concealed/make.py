@@ -17,7 +17,9 @@ from mpge_bench.concealed.pool import each_done
 from mpge_bench.concealed.recorded import Commands, Sensors, Truth
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
+from mpge_bench.form import check
 
 #: Says what a folder of cases is made of.
 MANIFEST = "cases.json"
@@ -128,8 +130,8 @@ def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsolePro
         UserError: if `out` holds cases of another seed.
     """
     manifest, asked = out / MANIFEST, {"seed": seed}
-    if manifest.exists() and (found := json.loads(manifest.read_text())) != asked:
-        raise UserError(f"{out}: holds cases of seed {found.get('seed')}; give another --out, or --seed {found.get('seed')}")
+    if manifest.exists() and (found := _seed_in(manifest)) != seed:
+        raise UserError(f"{out}: holds cases of seed {found}, says {MANIFEST}; give another --out, or --seed {found}")
     out.mkdir(parents=True, exist_ok=True)
     write_text(manifest, json.dumps(asked))
     missing = [index for index in range(count) if not (out / "kept" / f"c{index:04d}" / "label.yaml").exists()]
@@ -137,6 +139,14 @@ def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsolePro
     for _ in each_done(jobs, _made, [(out, seed, index) for index in missing]):
         progress.advance(1)
     return len(missing)
+
+
+def _seed_in(manifest: Path) -> int:
+    what, advice = "manifest of cases", "choose another folder with --out"
+    data = json_of(manifest, what, advice)
+    with reading(manifest, what, advice):
+        check(data, {"seed": "count"})
+    return int(data["seed"])
 
 
 def _made(out: Path, seed: int, index: int) -> None:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from mpge_bench.concealed.answer import ANSWER, INTERVAL, Answer, Named, ask, diagnoser, kept, said, tied
 from mpge_bench.concealed.compare import compare, file_of, kept_errors, unseen_error, with_effects
@@ -21,6 +20,8 @@ from mpge_bench.diagnosis.data.recording import read_recording
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading, yaml_of
+from mpge_bench.form import check
 
 #: Laws outside the catalogue that can be said as a formula, and the formulas' names, one of which is to be there; of a parameter that changes with time its
 #: effect's.
@@ -50,8 +51,20 @@ class Truth:
 
     @cached_property
     def effects(self) -> list[dict[str, Any]]:
-        """As label.yaml has them: effect, target, catalogued, value."""
-        found: list[dict[str, Any]] = yaml.safe_load((self.kept / "label.yaml").read_text())["effects"]
+        """As label.yaml has them: effect, target, catalogued, value.
+
+        Raises:
+            UserError: if it is no label.
+        """
+        path, what, advice = self.kept / "label.yaml", "label of a case", "make the case again with `concealed make`"
+        data = yaml_of(path, what, advice)
+        with reading(path, what, advice):
+            check(data, {"effects": "list"})
+            for one in data["effects"]:
+                check(one, {"effect": "text", "target": "text", "catalogued": "yes or no", "value": "mapping"})
+                if one["catalogued"]:
+                    _effect(one)
+        found: list[dict[str, Any]] = data["effects"]
         return found
 
     @property
@@ -134,15 +147,17 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at, and the same of comparators that
         have learnt the case, by their names; passed.
     """
-    answer, seconds = kept(out)
-    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": said(case.pairs), "seconds": seconds} | kept_errors(out)
+    # The label first: what is wrong with it is no fault of the answer.
+    truth, (answer, seconds) = said(case.pairs), kept(out)
+    row: dict[str, Any] = {"case": case.given.name, "group": case.group, "truth": truth, "seconds": seconds} | kept_errors(out)
     if isinstance(answer, str):
         return row | {"found": "failed", "remark": answer, "right": False, "credit": 0.0, "passed": False, "confidences": [], "off": []}
     found = answer.pairs
     row |= {"found": said([*found, *answer.laws]), "remark": answer.remark, "p_value": answer.p_value, "complete": answer.complete}
-    row |= _judged(case, answer, found)
-    row |= numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
-    row |= _errors(case, answer)
+    with reading(out / ANSWER, "answer", "remove it, and the case is diagnosed again"):
+        row |= _judged(case, answer, found)
+        row |= numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
+        row |= _errors(case, answer)
     predicts = row["error"] <= (row["true"] * NEAR if row["true"] else row["nothing"])
     row["passed"] = bool(row["credit"] > 0 and (row.get("parameter_error") or 0.0) <= CLOSE and predicts)
     return row

@@ -18,6 +18,7 @@ import numpy.typing as npt
 import pandas as pd
 import yaml
 
+from mpge_bench.diagnosis.data.recording import read_recording, read_table
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
@@ -185,7 +186,8 @@ def write(rig: Rig, recordings: Sequence[Path], spike: Spike, out: Path, seed: i
     write_text(out / "rig.yaml", yaml.safe_dump({**rig.data, "robot": "robot.urdf"}, sort_keys=False))
     rng, written = np.random.default_rng([seed, round(10 * spike.times)]), []
     for index, path in enumerate(recordings):
-        table = pd.read_parquet(path) if path.suffix in (".parquet", ".pq") else pd.read_csv(path)
+        read_recording(path, rig)  # it may have changed since it was diagnosed
+        table = read_table(path)
         table = _sham(table, rig, rng) if spike.effect == "sham" else altered(table, rig, spike)
         written.append(out / f"recording_{index:02d}.parquet")
         table.to_parquet(written[-1])

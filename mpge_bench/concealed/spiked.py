@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mpge_bench.concealed import spike as spiking
-from mpge_bench.concealed.answer import ANSWER, OURS, Answer, ask, kept, said
+from mpge_bench.concealed.answer import ANSWER, OURS, Answer, ask, diagnosis_in, kept, said
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.concealed.spike import KINDS, Spike
 from mpge_bench.concealed.summary import drawn, frame, page, wilson
@@ -42,11 +42,20 @@ def prepared(
     answer, _ = kept(baseline)
     if isinstance(answer, str):
         raise UserError(f"{rig_path}: the recordings as they are cannot be diagnosed ({answer})")
-    sizes = {(one["effect"], one["target"]): one["size"] for one in json.loads((baseline / "diagnosis.json").read_text())["detectable"]}
-    found = spiking.spikes(rig, sizes, times, shams, seed)
+    found = spiking.spikes(rig, detectable_sizes(baseline), times, shams, seed)
     for index, one in enumerate(found):
         spiking.write(rig, paths, one, out / one.name, seed + index)
     return found
+
+
+def detectable_sizes(out: Path) -> dict[tuple[str, str], float]:
+    """By effect and target, the smallest size that the diagnosis in the folder `out` would have seen.
+
+    Raises:
+        UserError: if there is no diagnosis.
+    """
+    listed = diagnosis_in(out)["detectable"]
+    return {(one["effect"], one["target"]): math.inf if one["size"] is None else one["size"] for one in listed}
 
 
 def diagnosed(

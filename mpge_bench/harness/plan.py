@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from statistics import mean
 from typing import Any, get_type_hints
 
-import yaml
-
 from mpge_bench.baselines.presets import checked
 from mpge_bench.envs import yaml12
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading, text_of
 from mpge_bench.harness.result import read_result
 from mpge_bench.harness.run import RunSettings, present_result
+
+_WHAT, _ADVICE = "sweep file", "docs/benchmark.md shows one"
+#: Runs of one sweep, which have to be known before the first: the whole grid of all pairs and methods with ten seeds has a tenth of it.
+_MOST = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +50,11 @@ class Grid:
             raise UserError("nothing to run; give --task and --method, or a file that has tasks and methods with --config")
         if self.seeds < 1 or min(self.samples, default=0) < 1:
             raise UserError(f"samples are {list(self.samples)} and seeds {self.seeds}; give 1 or more of each")
+        if (count := self.seeds * len(self.samples) * len(self.tasks) * len(self.methods)) > _MOST:
+            raise UserError(f"{count} runs are asked for, more than {_MOST}, which would take years; give fewer seeds, or several sweeps")
         each = product(range(self.seeds), self.samples, self.tasks, self.methods)
         runs = [RunSettings(task, method, samples, self.preset, seed, self.set, self.noise) for seed, samples, task, method in each]
-        for settings in runs:
+        for settings in {(one.task, one.method): one for one in runs}.values():
             settings.effective()  # a wrong name is to be known before hours of work
         # A method that draws no samples is run once for all budgets.
         return tuple(dict.fromkeys(runs))
@@ -60,11 +66,9 @@ def read_grid(path: Path) -> dict[str, Any]:
     Raises:
         UserError: if it cannot be read, or a key or a value's type is wrong.
     """
-    try:
-        text = path.read_text("utf-8")
+    with reading(path, _WHAT, _ADVICE):
+        text = text_of(path)
         data, lines = yaml12.load(text), yaml12.lines(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable sweep file ({one_line(error)})") from error
     hints = get_type_hints(Grid)
     if not isinstance(data, Mapping):
         raise UserError(f"{path}: not a sweep file; it has keys such as `tasks: [broken_hopper]`, among {', '.join(hints)}")
@@ -105,16 +109,18 @@ class Plan:
         return f"{said}; {len(self.missing)} to do, {side_by_side} at a time, one process and thread each: {about}{rest}"
 
 
-def plan_of(grid: Grid, out: Path, places: Iterable[Path]) -> Plan:
+def plan_of(grid: Grid, out: Path, places: Iterable[Path], config: Path | None = None) -> Plan:
     """The plan for `grid` with results in `out`.
 
     Args:
         places: folders of results, which tell how long runs take.
+        config: the file that alone says what the grid is.
 
     Raises:
         UserError: if the grid is wrong, or what is in a run's place is no result of it.
     """
-    runs = grid.runs()
+    with reading(config, _WHAT, _ADVICE) if config else nullcontext():
+        runs = grid.runs()
     missing = [settings for settings in runs if present_result(settings, out) is None]
     taken = {settings: _seconds(settings, places) for settings in missing}
     return Plan(runs, missing, {settings: seconds for settings, seconds in taken.items() if seconds is not None})

@@ -20,10 +20,21 @@ from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.baselines.problem import Transitions, roll_out_each
 from mpge_bench.baselines.workers import side_by_side
 from mpge_bench.envs import Task, get_task
+from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
+from mpge_bench.form import check
 from mpge_bench.harness.metrics import action_transformation_error, action_transformation_floor, transition_error, transition_floor
+from mpge_bench.harness.result import RETURNS
 from mpge_bench.provenance import commit
 
+_WHAT, _ADVICE = "file of references", "remove it, and the references are measured anew"
+#: What the file holds, as `misfits` takes it.
+_FORM = {
+    **dict.fromkeys(("direct", "optimal", "source"), RETURNS),
+    **dict.fromkeys(("action_error", "action_floor", "transition_error", "transition_floor"), "number"),
+    "made_from": "mapping to texts",
+    "commit": "text?",
+}
 #: Target transitions, beside any budget, that transition errors are measured on.
 _PROBE = 1000
 
@@ -99,8 +110,21 @@ def stored(path: Path) -> References | None:
     """The references in the file `path`, if it is there."""
     if not path.exists():
         return None
-    data: dict[str, Any] = json.loads(path.read_text())
-    return References(**data | {name: Returns(**data[name]) for name in ("direct", "optimal", "source")})
+    data = plain(path)
+    with reading(path, _WHAT, _ADVICE):
+        return References(**data | {name: Returns(**data[name]) for name in ("direct", "optimal", "source")})
+
+
+def plain(path: Path) -> dict[str, Any]:
+    """The references in the file `path` as plain data.
+
+    Raises:
+        UserError: if it cannot be read, or holds none.
+    """
+    data: dict[str, Any] = json_of(path, _WHAT, _ADVICE)
+    with reading(path, _WHAT, _ADVICE):
+        check(data, _FORM)
+    return data
 
 
 def measure(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> References:

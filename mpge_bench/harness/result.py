@@ -8,14 +8,39 @@ from pathlib import Path
 from typing import Any
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
+from mpge_bench.form import check
 
 SCHEMA = "mpge_bench/run/2"
 #: Written before references, fingerprints and access were settled; their figures do not compare with today's.
 OLD_SCHEMAS = ("mpge_bench/run/1",)
-#: What a result has to say for the run to be known again, and repeated.
-_IDENTITY = {"address", "pair", "method", "samples", "preset", "seed", "overrides", "noise", "variant", "settings"}
-
+_WHAT, _ADVICE = "result file", "remove it and run again"
+#: `Returns`, as `misfits` takes it.
+RETURNS = {"mean": "number", "std": "number", "episodes": "count above 0"}
+_ERROR = {"value": "number?", "source": "number?", "floor": "number?"}
+#: What a result consists of, as `misfits` takes it.
+FORM: Mapping[str, Any] = {
+    **dict.fromkeys(("schema", "task", "address", "method", "preset", "variant"), "text"),
+    "policy": "file name",
+    **dict.fromkeys(("grounding", "curve", "episodes", "residuals"), "file name?"),
+    "commit": "text?",
+    **dict.fromkeys(("samples", "seed", "target_samples"), "count"),
+    "noise": "number",
+    **dict.fromkeys(("overrides", "access"), "list of texts"),
+    **dict.fromkeys(("settings", "references", "report", "versions", "machine"), "mapping"),
+    "pair": {"name": "text", "track": "text", "development": "yes or no"},
+    "on_policy_mismatch": {"source": "number", "target": "number", "lost": "number?"},
+    "oracle?": {"returns": RETURNS, "normalized_return": "number?", "chosen": "text", "target_episodes": "count"},
+    "learning": "mapping to numbers?",
+    "normalized_return": "number?",
+    "fingerprints": {"robot": "text", "pair": "text"},
+    "returns": {"policy": RETURNS, "direct": RETURNS, "optimal": RETURNS, "grounded?": RETURNS},
+    "action_transformation_error": _ERROR,
+    "transition_error": _ERROR,
+    "simulator_steps": {"grounding": "number", "agent": "number"},
+    "wall_clock_s": {"grounding": "number", "agent": "number", "evaluation": "number", "total": "number"},
+}
 
 #: Of what a result's references were made of, that which may change without its being void: a better J* asks for other divisors, not for other runs.
 _EXCHANGEABLE = "target_policies"
@@ -32,18 +57,22 @@ def read_result(path: Path) -> dict[str, Any]:
         OldResultError: if it is one of an earlier protocol.
         UserError: if it is no result of this benchmark.
     """
-    try:
-        data = json.loads(path.read_text())
+    data = unchecked_result(path)
+    with reading(path, _WHAT, _ADVICE):
+        check(data, FORM)
+    return data
+
+
+def unchecked_result(path: Path) -> dict[str, Any]:
+    """As `read_result`, of today's schema; its entries may be missing or wrong."""
+    data: dict[str, Any] = json_of(path, _WHAT, _ADVICE)
+    with reading(path, _WHAT, _ADVICE):
+        check(data, {"schema": "text"})
         if data["schema"] in OLD_SCHEMAS:
-            raise OldResultError(f"{path}: a result of an earlier protocol ({data['schema']}), with other references; remove it and run again")
+            raise OldResultError(f"{path}: a result of an earlier protocol ({data['schema']}), with other references; {_ADVICE}")
         if data["schema"] != SCHEMA:
-            raise KeyError(f"schema {data['schema']}, not {SCHEMA}")
-        missing = _IDENTITY - data.keys()
-        if missing:
-            raise KeyError(f"it lacks {', '.join(sorted(missing))}")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: not a result file ({error}); remove it and run again") from error
-    return dict(data)
+            raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA}")
+    return data
 
 
 def renormalized(result: Mapping[str, Any], references: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import platform
 import re
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
@@ -35,6 +35,7 @@ from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs import Task, get_task
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import reading
 from mpge_bench.harness.metrics import (
     ERROR_STEPS,
     action_transformation_error,
@@ -77,6 +78,8 @@ class RunSettings:
     noise: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.samples < 0 or not 0 <= self.seed < 2**32:
+            raise UserError(f"samples are {self.samples} and the seed {self.seed}; give samples of at least 1, and a seed from 0 to {2**32 - 1}")
         if not 0 <= self.noise < math.inf:
             raise UserError(f"noise is {self.noise}; give a share of each entry's spread, such as 0.01")
         keys = [override.partition("=")[0] for override in self.overrides]
@@ -288,7 +291,7 @@ def _locked(folder: Path, until: float) -> FileLock:
 def _taken_up(partial: Path, asked: dict[str, Any]) -> bool:
     """Whether finished groundings are there of a run that was asked for the same, and was cut short; all else that it left is removed."""
     written, path = json.dumps(asked, default=str), partial / _ASKED
-    same = path.exists() and path.read_text() == written
+    same = path.exists() and path.read_bytes() == written.encode()
     kept = {one.parent for one in partial.rglob(FINISHED)} if same else set()
     for remains in sorted(partial.rglob("*"), reverse=True):
         if remains.parent in kept or remains == partial / _LOCK:
@@ -424,26 +427,31 @@ def _oracle(result: Result, method: str, task: Task, known: References, own: Pol
     }
 
 
-def stored_run(path: Path) -> tuple[RunSettings, Any]:
+def stored_run(path: Path, trusted: Collection[str] = ()) -> tuple[RunSettings, Any]:
     """The run that the result file `path` holds, and the method's settings in it, to be run again.
 
+    Args:
+        trusted: pairs and methods in modules that may be imported: none is because the file says so.
+
     Raises:
-        UserError: if it is no result, or a setting in it is not known any more.
+        UserError: if it is no result, names a module that is not trusted, or a setting in it is not known any more.
     """
     data = read_result(path)
-    settings = RunSettings(
-        data["address"],
-        data["method"],
-        data["samples"],
-        data["preset"],
-        data["seed"],
-        tuple(data["overrides"]),
-        data["noise"],
-    )
-    try:
+    for flag, name in (("task", data["address"]), ("method", data["method"])):
+        if ":" in name and name not in trusted:
+            raise UserError(f"{path}: its {flag} {name!r} is in a module, which is not imported because a file says so; if you trust it, add --{flag} {name}")
+    with reading(path, "configuration", "it cannot be run any more"):
+        settings = RunSettings(
+            data["address"],
+            data["method"],
+            data["samples"],
+            data["preset"],
+            data["seed"],
+            tuple(data["overrides"]),
+            data["noise"],
+        )
+        get_task(settings.task)
         return settings, settings_from(get_method(settings.method).settings, data["settings"])
-    except UserError as error:
-        raise UserError(f"{path}: its configuration cannot be run ({error})") from error
 
 
 def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict[str, Any] | None:
@@ -452,14 +460,14 @@ def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict
     Raises:
         UserError: if it cannot be read, or is that of another pair of the same name or of other settings.
     """
-    folder, task = settings.folder(out), get_task(settings.task)
-    if not (folder / "result.json").exists():
+    path, task = settings.folder(out) / "result.json", get_task(settings.task)
+    if not path.exists():
         return None
-    found = read_result(folder / "result.json")
+    found = read_result(path)
     if found["pair"] != task.to_dict():
-        raise UserError(f"{folder} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
+        raise UserError(f"{path} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
     if found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
-        raise UserError(f"{folder} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
+        raise UserError(f"{path} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
     return found
 
 

@@ -99,7 +99,8 @@ def compared(one: pd.DataFrame, other: pd.DataFrame) -> Compared:
 
 def _row(one: pd.DataFrame, other: pd.DataFrame) -> Row:
     if set(one["physics"]) != set(other["physics"]):
-        raise UserError(f"results of {one['task'].iloc[0]} differ in their physics and do not compare; run those of the older physics again")
+        places = " and ".join(found["folder"].iloc[0] for found in (one, other))
+        raise UserError(f"results of {one['task'].iloc[0]} differ in their physics and do not compare ({places}); run those of the older physics again")
     names = [" ".join([str(found["method"].iloc[0]), f"n{found['samples'].iloc[0]}", str(found["variant"].iloc[0])]) for found in (one, other)]
     scores = [found.sort_values("seed")["normalized_return"].to_numpy(float) for found in (one, other)]
     return Row(f"{one['task'].iloc[0]}: {' against '.join(dict.fromkeys(names))}", *scores)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import pandas as pd
 from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
 from mpge_bench.harness.perfect import STORE, perfect_text
+from mpge_bench.harness.references import plain
 from mpge_bench.harness.result import read_result, renormalized, write_result
 from mpge_bench.leaderboard.plots import draw, pictures
 from mpge_bench.leaderboard.results import ORACLE, collect, perfect, sections
@@ -71,7 +71,7 @@ def _renormalize(results: Path) -> None:
         result = read_result(path)
         kept = _POLICIES / result["task"] / "references.json"
         if kept.exists():
-            renewed = renormalized(result, json.loads(kept.read_text()))
+            renewed = renormalized(result, plain(kept))
             if renewed != result:
                 write_result(path, renewed)
 

@@ -16,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogLocator, NullLocator
 
+from mpge_bench.envs.reading import reading
+from mpge_bench.files import parquet_table
 from mpge_bench.leaderboard.estimates import Estimate, Scores, interquartile_mean, interquartile_means, profiles
 from mpge_bench.leaderboard.results import ORACLE, Comparison, Section, comparisons, perfect, sections
 from mpge_bench.leaderboard.tables import LARGEST_FLOOR
@@ -257,13 +259,27 @@ def _grounded(found: pd.DataFrame, styles: _Styles) -> Figure:
     return figure
 
 
+def read_curve(folder: Path) -> pd.Series[float]:
+    """The action-transformation error by simulator steps of a grounding, of the result in `folder`.
+
+    Raises:
+        UserError: if it cannot be read.
+    """
+    path = folder / "curve.parquet"
+    with reading(path, "curve", "run the method again"):
+        found: pd.Series[float] = parquet_table(path).set_index("steps")["action_transformation_error"].astype(float)
+        if not len(found) or not np.isfinite([*found.index, *found]).all() or found.index.has_duplicates:
+            raise ValueError("steps and errors are no finite numbers, one error a number of steps")
+    return found
+
+
 def _curves(found: pd.DataFrame, styles: _Styles) -> Figure:
     """Lines are means over seeds, bands reach from the least to the largest; a method that grounds at once is a mark."""
     groups = {f"{task}, {size:,} target samples": group for (task, size), group in found.groupby(["task", "samples"])}
     figure, panels = _panels(list(groups), (4.2, 3.2), "simulator steps of a grounding", "action-transformation error", sharex=True)
     for here, axes in zip(groups.values(), panels.values(), strict=True):
         for label, group in ((str(label), group) for label, group in here.groupby("label")):
-            curves = [pd.read_parquet(Path(folder) / "curve.parquet").set_index("steps")["action_transformation_error"] for folder in group["folder"]]
+            curves = [read_curve(Path(folder)) for folder in group["folder"]]
             _curve(axes, curves, label, styles[label]["color"], styles[label]["linestyle"])
         source, floor = (interquartile_mean(here[f"action_error_{kind}"].to_numpy(float)) for kind in ("source", "floor"))
         axes.axhline(source, color="0.6", linestyle="--", linewidth=1, zorder=0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from mpge_bench.envs import get_task
+from mpge_bench.envs import stated_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.perfect import Perfect
 from mpge_bench.harness.result import OldResultError, read_result
@@ -107,7 +107,7 @@ def _access(result: Mapping[str, Any], *more: str) -> tuple[str, ...]:
 def todays_physics(address: str) -> dict[str, str] | None:
     """The fingerprints of the pair at `address` as it moves today; None if it is a user's own that cannot be had here."""
     try:
-        return get_task(address).fingerprints()
+        return stated_task(address).fingerprints()
     except UserError:
         return None
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from mpge_bench.baselines.evaluation import SEED, Returns, returns
 from mpge_bench.baselines.grounding.store import load_grounding
+from mpge_bench.baselines.policy import Policy
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import Transformation
-from mpge_bench.envs import get_task
+from mpge_bench.envs import Task, stated_task
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import reading
+from mpge_bench.form import misfits
 from mpge_bench.harness.metrics import action_transformation_error
-from mpge_bench.harness.result import normalized_return, read_result
+from mpge_bench.harness.result import FORM, normalized_return, read_result, unchecked_result
 from mpge_bench.harness.run import checked_policy
 
 #: Episodes that no run was measured on: the harness has `SEED`, the choice of an oracle the one after it.
@@ -27,25 +29,6 @@ FRESH = SEED + 2
 _APART = 3.29
 #: Share by which an action error, on the same random steps, may differ: rounding, which grows in a grounded source's motion, makes less.
 _ROUNDING = 0.05
-#: What a result consists of: the kind of each entry, or its own entries; a question mark for what may be null.
-_RETURNS = {"mean": "number", "std": "number", "episodes": "number"}
-_ERROR = {"value": "number?", "source": "number?", "floor": "number?"}
-FORM: Mapping[str, Any] = {
-    **dict.fromkeys(("schema", "task", "address", "method", "preset", "variant", "policy"), "text"),
-    **dict.fromkeys(("grounding", "curve", "episodes", "residuals", "commit"), "text?"),
-    **dict.fromkeys(("samples", "seed", "noise", "target_samples"), "number"),
-    **dict.fromkeys(("overrides", "access"), "list"),
-    **dict.fromkeys(("pair", "settings", "references", "on_policy_mismatch", "report", "versions", "machine"), "mapping"),
-    **dict.fromkeys(("oracle", "learning"), "mapping?"),
-    "normalized_return": "number?",
-    "fingerprints": {"robot": "text", "pair": "text"},
-    "returns": {"policy": _RETURNS, "direct": _RETURNS, "optimal": _RETURNS, "grounded": "mapping?"},
-    "action_transformation_error": _ERROR,
-    "transition_error": _ERROR,
-    "simulator_steps": {"grounding": "number", "agent": "number"},
-    "wall_clock_s": {"grounding": "number", "agent": "number", "evaluation": "number", "total": "number"},
-}
-_KINDS: Mapping[str, type | tuple[type, ...]] = {"text": str, "number": (int, float), "list": list, "mapping": dict}
 
 
 @dataclass(frozen=True)
@@ -86,14 +69,16 @@ def results_in(paths: list[Path]) -> list[Path]:
 def faults(path: Path) -> list[str]:
     """What is wrong with the form of the result file `path`, a line each: entries, files beside it, physics, budget, and the normalised return."""
     try:
-        data = read_result(path)
+        data = unchecked_result(path)
     except UserError as error:
-        return [str(error).removeprefix(f"{path}: ")]
-    wrong = list(_misfits(data, FORM))
+        return [one_line(error).removeprefix(f"{path}: ")]
+    wrong = list(misfits(data, FORM))
     if wrong:
         return wrong
     beside = {name: data[name] for name in ("policy", "grounding", "curve") if data[name]}
     wrong += [f"{name}: there is no {file} beside it" for name, file in beside.items() if not (path.parent / file).is_file()]
+    if data["grounding"] and data["returns"]["grounded"] and data["action_transformation_error"]["value"] is None:
+        wrong.append("action_transformation_error.value: is null, where there is a grounding")
     if data["target_samples"] > data["samples"] and "target" not in data["access"]:
         wrong.append(f"target_samples: {data['target_samples']} were drawn of a budget of {data['samples']}")
     means = [data["returns"][name]["mean"] for name in ("policy", "direct", "optimal")]
@@ -101,7 +86,7 @@ def faults(path: Path) -> list[str]:
     if not _same(normalized, data["normalized_return"]):
         wrong.append(f"normalized_return: is {data['normalized_return']}, and {normalized} by its returns")
     try:
-        today = get_task(data["address"]).fingerprints()
+        today = stated_task(data["address"]).fingerprints()
     except UserError as error:
         return [*wrong, f"address: {one_line(error)}"]
     if today != data["fingerprints"]:
@@ -113,21 +98,6 @@ def _same(one: float | None, other: float | None) -> bool:
     return one is other if one is None or other is None else bool(np.isclose(one, other, rtol=1e-9, atol=1e-12))
 
 
-def _misfits(data: Mapping[str, Any], form: Mapping[str, Any], path: str = "") -> Iterator[str]:
-    """What of `data` is missing or of another kind than `form` says."""
-    for name, kind in form.items():
-        place = path + name
-        if name not in data:
-            yield f"{place}: is missing; there is to be a {kind if isinstance(kind, str) else 'mapping'}".replace("?", " or null")
-        elif isinstance(kind, Mapping):
-            if isinstance(data[name], dict):
-                yield from _misfits(data[name], kind, f"{place}.")
-            else:
-                yield f"{place}: is {data[name]!r}, where there is to be a mapping"
-        elif not (data[name] is None and kind.endswith("?")) and (not isinstance(data[name], _KINDS[kind.rstrip("?")]) or isinstance(data[name], bool)):
-            yield f"{place}: is {data[name]!r}, where there is to be a {kind}".replace("?", " or null")
-
-
 def measured_again(path: Path, progress: Progress | None = None) -> list[Check]:
     """The figures of the result file `path`, whose form has no `faults`, from its policy and grounding.
 
@@ -137,16 +107,10 @@ def measured_again(path: Path, progress: Progress | None = None) -> list[Check]:
     Raises:
         UserError: if policy or grounding cannot be read or used.
     """
-    data, progress = read_result(path), progress or Silent()
-    task = get_task(data["address"])
-    file = path.parent / data["policy"]
-    try:
-        policy = checked_policy(load_file(file), task)
-    except (OSError, SafetensorError, UserError) as error:
-        raise UserError(f"{path}: {one_line(error)}") from error
+    progress = progress or Silent()
+    data, task, policy, grounding = evidence(path)
     progress.stage("target", 0)
     checks = [_returned("return in the target", data["returns"]["policy"], returns(task.target, policy, seed=FRESH))]
-    grounding = _grounding(path, data)
     if grounding:
         progress.stage("grounded source", 0)
         found = returns(task.source, policy, transformation=grounding, seed=FRESH)
@@ -157,8 +121,19 @@ def measured_again(path: Path, progress: Progress | None = None) -> list[Check]:
     return checks
 
 
-def _grounding(path: Path, data: Mapping[str, Any]) -> Transformation | None:
-    return load_grounding(path.parent / data["grounding"]) if data["grounding"] and data["returns"]["grounded"] else None
+def evidence(path: Path) -> tuple[dict[str, Any], Task, Policy, Transformation | None]:
+    """The result in the file `path`, its pair, its policy, and its grounding, if it has one that was measured.
+
+    Raises:
+        UserError: if one of them cannot be read or used.
+    """
+    data = read_result(path)
+    task, file = stated_task(data["address"]), path.parent / data["policy"]
+    with reading(file, "policy", "run the method again"):
+        policy = checked_policy(load_file(file), task)
+    if not (data["grounding"] and data["returns"]["grounded"]):
+        return data, task, policy, None
+    return data, task, policy, load_grounding(path.parent / data["grounding"], task.robot.observation_size, len(task.robot.actuators))
 
 
 def _returned(what: str, stated: Mapping[str, float], found: Returns) -> Check:

@@ -129,3 +129,53 @@ def test_a_policy_acts_the_same_after_a_round_trip_through_its_file(hopper, make
     assert type(again) is type(policy)
     observations, member = np.random.default_rng(0).normal(size=(20, 11)), np.zeros(20, int)
     np.testing.assert_array_equal(again.best(observations, member), policy.best(observations, member))
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "says"),
+    [
+        ("value_net.weight", None, "no 'value_net.weight'"),
+        ("log_std_net.bias", None, "no 'log_std_net.bias'"),
+        ("mlp_extractor.policy_net.2.bias", lambda one: one[None], r"has the shape \(1, 64\), not \(64,\)"),
+        ("mlp_extractor.value_net.0.weight", lambda one: one.T.contiguous(), r"has the shape \(11, 64\), not \(64, 11\)"),
+        ("log_std_net.weight", lambda one: one * torch.nan, "log_std_net.weight does not hold finite numbers alone"),
+        ("action_net.bias", lambda one: one.int(), "action_net.bias does not hold finite numbers alone"),
+        ("features_extractor.std", torch.zeros_like, "features_extractor.std is not above 0"),
+        ("action_net.weight", lambda one: one[0, 0], "9 actions|0 actions|tuple index out of range"),
+    ],
+)
+def test_what_would_fail_when_it_acts_or_learns_is_refused_when_it_is_read(hopper, make_policy, tmp_path, name, change, says):
+    path, state = tmp_path / "a.safetensors", dict(make_policy(hopper).state_dict())
+    tensor = state.pop(name)
+    save_policy(path, state | ({name: change(tensor)} if change else {}), {})
+    with pytest.raises(UserError, match=rf"^{path}: .*{says}"):
+        load_state(path, 11, 3)
+
+
+def test_an_aggregated_policy_whose_sources_give_no_numbers_is_refused(hopper, make_policy, tmp_path):
+    state = _aggregated(make_policy, hopper, 2)
+    for name in ("mean", "std"):
+        state[f"sources.1.features_extractor.{name}"] = torch.zeros(11)
+    save_policy(tmp_path / "a.safetensors", state, {})
+    with pytest.raises(UserError, match="its actions are no finite numbers"):
+        load_state(tmp_path / "a.safetensors", 11, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("features_extractor.mean", (1,)),
+        ("features_extractor.std", (11, 1)),
+        ("mlp_extractor.policy_net.0.weight", (64, 1)),
+        ("mlp_extractor.policy_net.2.weight", (64, 32)),
+        ("mlp_extractor.policy_net.2.bias", (1,)),
+        ("action_net.weight", (2, 64)),
+    ],
+)
+def test_layers_that_do_not_fit_together_never_reach_the_compiled_loops(hopper, make_policy, name, shape):
+    """They look at no bounds: a grounding with a layer of another shape brought the process down."""
+    weights = dict(policy_set([make_policy(hopper)], 1.0).weights[0])
+    with pytest.raises(ValueError, match=r"do not fit together|must match exactly|number of dimensions"):
+        PolicySet([{**weights, name: np.ones(shape)}], 1.0)
+    with pytest.raises(ValueError, match="a policy of 11 observations was given 17"):
+        PolicySet([weights], 1.0).best(np.zeros((1, 17)), np.zeros(1, int))

@@ -162,3 +162,19 @@ def test_unknown_preset():
     for method in methods().values():
         with pytest.raises(UserError, match="unknown preset 'quick'; choose one of: smoke, standard, paper"):
             load_settings(method.settings, method.preset, "quick", "broken_hopper")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("smoke: {default: {ensembel: 3}}", "unknown setting ensembel"),
+        ("smoke: {default: {ensemble: many}}", "setting ensemble takes a whole number"),
+        ("schema: 2", "schema is no mapping of tasks to settings"),
+        ("inherits: ../../elsewhere", "inherits is '../../elsewhere', and not the name of one of the presets' own files"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_said_of_the_file(tmp_path, content, says):
+    path = tmp_path / "mine.yaml"
+    path.write_text("inherits: mpg\n" * (not content.startswith("inherits")) + content)
+    with pytest.raises(UserError, match=rf"^{path}: .*{says}"):
+        load_settings(MPGSettings, path, "smoke", "t", {"rollouts": "er"})

@@ -38,19 +38,29 @@ def write_result():
     """
 
     def write(path, normalized, *, track="headline", development=False, error=None, floor=0.0, grounded=None, **entries):
-        means = {"policy": 10 * (normalized or 0.0), "direct": 0.0, "optimal": 10.0}
+        means = {"policy": 10 * (normalized or 0.0), "direct": 0.0, "optimal": 10.0, "grounded": grounded}
         result = {
-            **{"schema": "mpge_bench/run/2", "task": "t", "address": "t.yaml", "pair": {"track": track, "development": development}},
+            **{"schema": "mpge_bench/run/2", "task": "t", "address": "t.yaml", "pair": {"name": "t", "track": track, "development": development}},
             **{"method": "m", "samples": 10, "preset": "smoke", "variant": "smoke", "seed": 0, "overrides": [], "noise": 0.0, "settings": {}},
-            **{"oracle": None, "learning": None, "access": ["transitions"], "fingerprints": {"robot": "aa", "pair": "bb"}, "grounding": None},
-            "returns": {name: {"mean": mean} for name, mean in means.items()} | {"grounded": None if grounded is None else {"mean": grounded}},
+            **{"oracle": None, "learning": None, "access": ["transitions"], "fingerprints": {"robot": "aa", "pair": "bb"}, "target_samples": 10},
+            **{"policy": "policy.safetensors", **dict.fromkeys(("grounding", "curve", "episodes", "residuals", "commit"))},
+            **{name: {} for name in ("references", "report", "versions", "machine")},
+            "returns": {name: None if mean is None else {"mean": mean, "std": 1.0, "episodes": 50} for name, mean in means.items()},
             "normalized_return": normalized,
             "on_policy_mismatch": {"source": 8.0, "target": 0.0, "lost": 1.0},
             "action_transformation_error": {"value": error, "source": 1.0, "floor": floor},
-            "transition_error": {"value": None, "source": 1.0},
-            **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "total": 120.0}},
+            "transition_error": {"value": None, "source": 1.0, "floor": None},
+            "simulator_steps": {"grounding": 4000, "agent": 0},
+            "wall_clock_s": {"grounding": 30.0, "agent": 0.0, "evaluation": 1.0, "total": 120.0},
         }
+        oracle = {"returns": result["returns"]["policy"], "normalized_return": normalized, "chosen": "x", "target_episodes": 50}
         path.parent.mkdir(parents=True)
-        path.write_text(json.dumps(result | entries))
+        path.write_text(json.dumps(_changed(result | ({"oracle": oracle} if entries.get("oracle") else {}), entries)))
 
     return write
+
+
+def _changed(data, changes):
+    """`data` with entries changed, those within its mappings alone."""
+    merged = {name: _changed(data[name], value) if isinstance(value, dict) and isinstance(data.get(name), dict) else value for name, value in changes.items()}
+    return data | merged

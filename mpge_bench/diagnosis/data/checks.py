@@ -21,6 +21,8 @@ from mpge_bench.envs.dynamics import Tree
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
+#: Motion that is none, m or rad: rounding.
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -59,9 +61,10 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
         for one in recordings:
             check_carried(one.path, one.time, one.q, rig.gravity, settings)
     spread = max(float(np.ptp(recording.q, axis=0).max()) for recording in recordings)
-    resolution = max(rig.noise.get("q", 0.0) * settings.still, 1e-9)
+    resolution = max(rig.noise.get("q", 0.0) * settings.still, _LEAST)
     if spread <= resolution:
-        raise UserError(f"{recordings[0].path}: no motion: columns q_* vary by {spread:.2g} at most; record the mechanism while it moves")
+        within = f", which is within the noise that {rig.path} states" if spread > _LEAST else ""
+        raise UserError(f"{recordings[0].path}: no motion: columns q_* vary by {spread:.2g} at most{within}; record the mechanism while it moves")
     return recordings
 
 

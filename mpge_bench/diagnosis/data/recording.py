@@ -16,11 +16,15 @@ import pandas as pd
 from mpge_bench.diagnosis.data.pose import checked_pose
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DEFAULT, DataSettings
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading
+from mpge_bench.files import parquet_table
 
 Array = npt.NDArray[np.float64]
 
 _PARQUET = (".parquet", ".pq")
+#: Numbers of nothing physical, of whose squares and products there may be none.
+_LARGEST = 1e50
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
         UserError: naming file, column and row (counted from 1, without the header), if a column is missing or of an unknown joint, a value is no finite
             number, time does not rise, the recording is too short, or a free base's pose is none.
     """
-    table = _table(path)
+    table = read_table(path)
     _check_columns(path, table, rig)
     values = _columns(path, table, rig)
     time = values["time"]
@@ -122,9 +126,10 @@ def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     values = {}
     for column in [*_needed(rig), *(column for column in rig.columns["dq"] if column in table.columns)]:
         numbers = _numbers(table[column])
-        bad = np.flatnonzero(~np.isfinite(numbers))
-        if len(bad) and not (column in rig.columns["dq"] and len(bad) == len(numbers)):
-            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} is not a finite number; mend or cut this row")
+        bad = np.flatnonzero(~(np.abs(numbers) < _LARGEST))
+        if len(bad) and not (column in rig.columns["dq"] and np.isnan(numbers).all()):
+            what = f"is beyond {_LARGEST:g}" if np.isfinite(numbers[bad[0]]) else "is not a finite number"
+            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} {what}; mend or cut this row")
         values[column] = numbers
     return values
 
@@ -133,7 +138,7 @@ def _beside(table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     """The columns that are no part of the format and hold finite numbers throughout."""
     known = {*_needed(rig), *rig.columns["dq"], *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq", "enabled") for joint in rig.joints)}
     found = {str(name): _numbers(table[name]) for name in table.columns if name not in known}
-    return {name: values for name, values in found.items() if np.isfinite(values).all()}
+    return {name: values for name, values in found.items() if (np.abs(values) < _LARGEST).all()}
 
 
 def errors(predicted: Recording, recorded: Recording, rig: Rig) -> list[tuple[str, str, float, float]]:
@@ -183,19 +188,19 @@ def _numbers(column: pd.Series[Any]) -> Array:
         return np.full(len(column), np.nan)
 
 
-def _table(path: Path) -> pd.DataFrame:
-    try:
+def read_table(path: Path) -> pd.DataFrame:
+    """The table in a CSV or, by its name, Parquet file, whatever is in it.
+
+    Raises:
+        UserError: if it cannot be read.
+    """
+    with reading(path, "CSV or Parquet file", "a recording has columns time, u_<joint>, q_<joint>"):
         if path.suffix.lower() in _PARQUET:
-            return pd.read_parquet(path)
+            return parquet_table(path)
         with path.open("rb") as file:
             if b"\0" in file.read(65536):
-                raise UserError(f"{path}: not a CSV file (it holds binary data); a recording is CSV or Parquet with columns time, u_<joint>, q_<joint>")
+                raise UserError("not a CSV file (it holds binary data); a recording is CSV or Parquet with columns time, u_<joint>, q_<joint>")
         with warnings.catch_warnings():
             # Rows longer than the header.
             warnings.simplefilter("error", pd.errors.ParserWarning)
             return pd.read_csv(path, low_memory=False, index_col=False, skipinitialspace=True, float_precision="round_trip")
-    except UserError:
-        raise
-    except Exception as error:  # pandas and pyarrow raise many kinds for what is no table
-        said = one_line(error)[:120]
-        raise UserError(f"{path}: not a readable CSV or Parquet file ({said}); a recording has columns time, u_<joint>, q_<joint>") from error

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.data.rig_file import check_joints, check_mode, gravity_of, ground_of, listed_of, mapping_of, noise_of, number_of
-from mpge_bench.envs import ROBOTS, get_task
+from mpge_bench.diagnosis.data.rig_file import ADVICE, check_joints, check_mode, gravity_of, ground_of, listed_of, mapping_of, noise_of, number_of
+from mpge_bench.envs import ROBOTS, stated_task
 from mpge_bench.envs.effects import (
     Armature,
     CoulombFriction,
@@ -25,6 +25,7 @@ from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_para
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.model import Model
+from mpge_bench.envs.reading import reading
 from mpge_bench.envs.robots import Robot
 from mpge_bench.envs.world import World
 
@@ -182,11 +183,9 @@ def read_rig(path: Path) -> Rig:
         UserError: if the file cannot be read, a key is missing, unknown or of the wrong kind, or a joint is not in the model.
     """
     data = mapping_of(path)
-    rig = _registered(path, data) if "task" in data else _described(path, data)
-    try:
+    with reading(path, "rig", ADVICE):
+        rig = _registered(path, data) if "task" in data else _described(path, data)
         rig.world()
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
     return rig
 
 
@@ -194,10 +193,7 @@ def _registered(path: Path, data: Mapping[str, Any]) -> Rig:
     """A robot of the benchmark, by its name or by that of a pair, as the source has it."""
     if not isinstance(data["task"], str):
         raise UserError(f"{path}: task is {data['task']!r}; give the name of a robot or of a pair, such as hopper")
-    try:
-        robot = ROBOTS[data["task"]] if data["task"] in ROBOTS else get_task(data["task"]).robot
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
+    robot = ROBOTS[data["task"]] if data["task"] in ROBOTS else stated_task(data["task"]).robot
     motors = "position" if robot.servos else "torque"
     modes = {joint: motors if joint in robot.actuators else "passive" for joint in robot.joints}
     gravity, noise, listed = (0.0, 0.0, robot.gravity), noise_of(path, data), tuple(listed_of(path, data))
@@ -221,8 +217,9 @@ def _described(path: Path, data: Mapping[str, Any]) -> Rig:
         model.rub_on(*ground)
     joints = data["joints"]
     check_joints(path, joints, model)
-    nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
-    nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
+    with reading(model.path, "MJCF file", "correct this number"):
+        nominal: list[Effect] = [JointSpring(joint, *spring) for joint, spring in model.springs.items() if spring[0]]
+        nominal += [Armature(joint, inertia) for joint, inertia in model.armature.items() if inertia]
     model.springs, model.armature = {}, {}
     for joint, settings in joints.items():
         check_mode(path, joint, settings)

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from mpge_bench.envs import yaml12
 from mpge_bench.envs.effects import Effect, effect_from_dict
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
+from mpge_bench.envs.reading import yaml_of
 
+#: What to do where a file is no rig.
+ADVICE = "give a YAML file as docs/recordings.md describes"
 _KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
 _TASK_KEYS = {"task", "noise", "effects"}
 _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
@@ -21,10 +21,7 @@ _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"})
 
 def mapping_of(path: Path) -> dict[str, Any]:
     """The file's content, which has a rig's keys. As all here it raises `UserError` for what is wrong."""
-    try:
-        data = yaml12.load(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: not a readable rig ({one_line(error)}); give a YAML file as docs/recordings.md describes") from error
+    data = yaml_of(path, "rig", ADVICE)
     if not isinstance(data, dict):
         raise UserError(f"{path}: a rig is a YAML mapping with robot, joints, ...; this is {type(data).__name__}")
     keys, needed = (_TASK_KEYS, {"task"}) if "task" in data else (_KEYS, {"robot", "joints"})

@@ -32,5 +32,5 @@ def predicted(rig: Rig, recording: Recording, horizon: float, settings: Diagnosi
         past = recording.u[before], motion.state[before]
         result[first + 1 : end] = simulator.rolled(world, motion.state[first], recording.u[first : end - 1], past)
         if not np.isfinite(result[first:end]).all():
-            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in the rig")
+            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in {rig.path}")
     return Recording(recording.path, recording.time, recording.u, layout.q(result), layout.dq(result))

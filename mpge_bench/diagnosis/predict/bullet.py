@@ -83,7 +83,7 @@ class BulletPredictor:
             q, dq = world.roll(recording.u[row])
         path = np.concatenate((state[None], layout.state(q, dq)))
         if not np.isfinite(path).all() or np.abs(layout.dq(path)).max() > self._settings.unstable:
-            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in the rig")
+            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in {self.rig.path}")
         path = self._sensed(path, recording, first, smooth, (many or 1) * dt)
         if many:
             return path[rows - first]

@@ -212,7 +212,7 @@ class RestartedRecording:
         starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
         found = self._windows.predict(effects, starts[self._rows[:, 0]], [smooth])
         if found is None:
-            raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in the rig")
+            raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in {self._rig.path}")
         missed[self._rows] = self._rig.layout.q(found) - recording.q[self._rows]
         return missed
 

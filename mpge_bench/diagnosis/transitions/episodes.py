@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading
 from mpge_bench.envs.robots import Robot
 
 Array = npt.NDArray[np.float64]
 #: What an NPZ file of transitions holds.
 FIELDS = ("observations", "actions", "next_observations")
+#: Bytes of all arrays of a file together, beyond which it is no file of transitions: a small one may be large when it is unpacked.
+_LARGEST = 512 << 20
 
 
 @dataclass(frozen=True)
@@ -119,15 +122,12 @@ def read_transitions(path: Path, robot: Robot) -> Episodes:
     Raises:
         UserError: if the file cannot be read or is not the robot's.
     """
-    try:
-        with np.load(path) as data:
+    with reading(path, "NPZ file", f"give one with arrays {', '.join(FIELDS)}"):
+        with np.load(path, allow_pickle=False) as data:
             missing = [name for name in FIELDS if name not in data]
             if missing:
-                raise UserError(f"{path}: has no array {', '.join(missing)}; transitions are {', '.join(FIELDS)}")
+                raise UserError(f"has no array {', '.join(missing)}; transitions are {', '.join(FIELDS)}")
+            if (size := sum(one.file_size for one in data.zip.infolist())) > _LARGEST:
+                raise ValueError(f"its arrays have {size >> 20} MB, more than {_LARGEST >> 20}")
             observations, actions, following = (np.asarray(data[name], float) for name in FIELDS)
-            found = Episodes(observations, actions, following)
-    except UserError:
-        raise
-    except Exception as error:  # numpy raises what it likes
-        raise UserError(f"{path}: not a readable NPZ file ({one_line(error, named=True)}); give one with arrays {', '.join(FIELDS)}") from error
-    return checked(found, robot, str(path))
+        return checked(Episodes(observations, actions, following), robot, str(path))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.gat import GATSettings, GATTransformation, _Regression
@@ -43,7 +44,7 @@ def _gat():
 def test_a_grounding_does_the_same_after_a_stay_in_a_file(kind, make_policy, tmp_path):
     grounding = {"learnt": lambda: _learnt(make_policy), "linear": lambda: _fitted(False), "networks": lambda: _fitted(True), "gat": _gat}[kind]()
     assert save_grounding(tmp_path / "grounding.safetensors", grounding)
-    found = load_grounding(tmp_path / "grounding.safetensors")
+    found = load_grounding(tmp_path / "grounding.safetensors", 4, 1)
     assert found.members == grounding.members
     observation, action = RNG.normal(size=(50, 4)), RNG.uniform(-1, 1, (50, 1))
     member = RNG.integers(grounding.members, size=50)
@@ -60,7 +61,25 @@ def test_what_is_no_grounding_is_refused_in_one_line(tmp_path, make_policy):
     path = tmp_path / "grounding.safetensors"
     path.write_text("no")
     with pytest.raises(UserError, match="not a readable grounding"):
-        load_grounding(path)
+        load_grounding(path, 4, 1)
     save_policy(path, make_policy(get_task("biased_pendulum").source()).state_dict(), {})
     with pytest.raises(UserError, match="holds no grounding of a known kind; known: learnt"):
-        load_grounding(path)
+        load_grounding(path, 4, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"own.limit": None}, "KeyError: 'limit'"),
+        ({"own.linear": np.full((2, 1, 2), np.nan)}, "own.linear does not hold finite numbers alone"),
+        ({"own.linear": np.ones((2, 2, 3))}, "no finite actions, of which there are to be 1"),
+        ({"own.linear": np.ones((0, 1, 2))}, "no finite actions|index 0"),
+    ],
+)
+def test_a_grounding_that_would_fail_later_is_refused_when_it_is_read(tmp_path, change, says):
+    path = tmp_path / "grounding.safetensors"
+    state = {"own.linear": np.ones((2, 1, 2)), "own.limit": np.array(3.0)} | change
+    save_file({name: value for name, value in state.items() if value is not None}, path, {"grounding": "fitted"})
+    with pytest.raises(UserError, match=says) as refusal:
+        load_grounding(path, 4, 1)
+    assert str(refusal.value).startswith(f"{path}: not a readable grounding")

@@ -120,6 +120,7 @@ def change(column: str, row: int, value: object) -> Callable[[pd.DataFrame], pd.
         (lambda found: found.assign(dq_wrist=0.0), "column dq_wrist is of a joint that the rig has not"),
         (change("q_elbow", 17, np.nan), "column q_elbow, row 17: .*nan.* is not a finite number"),
         (change("u_elbow", 1, np.inf), "column u_elbow, row 1: .*inf.* is not a finite number"),
+        (change("q_elbow", 5, 1e308), r"column q_elbow, row 5: .*1e\+308.* is beyond 1e\+50"),
         (change("dq_elbow", 200, np.nan), "column dq_elbow, row 200: .*nan.* is not a finite number"),
         (change("time", 3, np.nan), "column time, row 3: .*nan.* is not a finite number"),
         (change("time", 50, 0.48), "column time, row 50: time goes from 0.48 to 0.48 s; it must rise"),

@@ -297,3 +297,10 @@ def test_two_that_add_up_are_one_of_their_sum(rig: Rig, name: str) -> None:
     for two, sum_of_them in zip(of(one, other), of(both), strict=True):
         # A late sensor's cubic between rows is not quite the motion.
         assert two == pytest.approx(sum_of_them, abs=1e-4 if name == "sensor_delay" else 1e-12)
+
+
+def test_no_module_is_imported_because_a_rig_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "others_pairs.py").write_text("raise SystemExit('run')")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "rig.yaml").write_text("task: others_pairs:PAIR\n")
+    assert "pair 'others_pairs:PAIR' is in a module, which is not imported" in refusal(tmp_path / "rig.yaml")

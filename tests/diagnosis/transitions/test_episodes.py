@@ -88,3 +88,11 @@ def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "half.npz", observations=np.zeros((3, 11)))
     with pytest.raises(UserError, match=r"half\.npz: has no array actions, next_observations"):
         read_transitions(tmp_path / "half.npz", HOPPER)
+
+
+def test_a_file_that_is_large_when_it_is_unpacked_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "swollen.npz"
+    np.savez_compressed(path, **{name: np.zeros((2**17, 4)) for name in FIELDS})
+    monkeypatch.setattr("mpge_bench.diagnosis.transitions.episodes._LARGEST", 11 << 20)
+    with pytest.raises(UserError, match=r"swollen\.npz: not a readable NPZ file \(its arrays have 12 MB, more than 11\)"):
+        read_transitions(path, ROBOTS["inverted_pendulum"])

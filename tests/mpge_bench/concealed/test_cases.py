@@ -73,7 +73,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_makes_cases_shares_nothing_with_what_diagnoses(name: str) -> None:
     text = (Path(concealed.__file__).parent / f"{name}.py").read_text()
     found = {node.module or "" for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)}
-    allowed = ("mpge_bench.concealed.", "mpge_bench.console", "mpge_bench.files", "mpge_bench.envs.errors")
+    allowed = ("mpge_bench.concealed.", "mpge_bench.console", "mpge_bench.files", "mpge_bench.form", "mpge_bench.envs.errors", "mpge_bench.envs.reading")
     assert all(module.startswith(allowed) for module in found if module.startswith("mpge_bench"))
     assert "pybullet" not in text
 
@@ -198,7 +198,7 @@ def test_our_own_answers_are_read_from_diagnosis_json(tmp_path: Path) -> None:
     gain = {"effect": "torque_gain", "target": "elbow", "confidence": 0.5, "parameters": {"gain": {"value": 0.8, "low": 0.7, "high": 0.9}}}
     law = {"effect": "unknown", "law": "periodic_torque", "target": "shoulder", "confidence": 1.0, "parameters": {}}
     data = {"verdict": "partly_explained", "p_value": 1e-9, "complete": True, "effects": [gain, law], "where": [{"kind": "joint", "name": "elbow"}]}
-    data["indistinguishable"] = [["torque_gain:elbow", "mass_scale:lower + gravity:world"]]
+    data |= {"schema": "mpge_bench/diagnosis/1", "detectable": [], "indistinguishable": [["torque_gain:elbow", "mass_scale:lower + gravity:world"]]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(data))
     found = answer_of(tmp_path)
     assert found.mismatch

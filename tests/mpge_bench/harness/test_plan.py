@@ -30,6 +30,7 @@ def test_all_combinations_seed_by_seed_and_no_run_twice():
         ({"seeds": 0}, "seeds 0; give 1 or more"),
         ({"methods": ("direct", "gta")}, "unknown method 'gta'"),
         ({"set": ("steps=1",)}, "unknown setting steps"),
+        ({"seeds": 2**31}, "2147483648 runs are asked for, more than 100000"),
     ],
 )
 def test_a_wrong_grid_is_known_before_any_work(wrong, said):
@@ -111,3 +112,10 @@ def test_what_is_in_a_runs_place_and_not_its_result_is_known_before_any_work(tmp
     made(tmp_path, "gat", 0, 1.0)  # with other settings than the preset's
     with pytest.raises(UserError, match="holds a result with other settings"):
         plan_of(Grid(tasks=(PENDULUM,), methods=("gat",), samples=(50,), preset="smoke"), tmp_path, ())
+
+
+def test_what_is_wrong_with_the_grid_of_a_file_alone_is_said_of_the_file(tmp_path):
+    path = tmp_path / "sweep.yaml"
+    path.write_text("tasks: [hoper]\nmethods: [direct]\n")
+    with pytest.raises(UserError, match=r"sweep\.yaml: unknown task 'hoper'"):
+        plan_of(Grid(**read_grid(path)), tmp_path, (), path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import sys
 import textwrap
 import threading
 
@@ -205,7 +206,7 @@ def test_unreadable_result_is_one_line(tmp_path):
     path = tmp_path / "result.json"
     for content in ("", "[]", '{"schema": "other"}', '{"schema": "mpge_bench/run/2", "method": "mpg"}'):
         path.write_text(content)
-        with pytest.raises(UserError, match=r"result\.json: not a result file"):
+        with pytest.raises(UserError, match=r"result\.json: not a readable result file"):
             read_result(path)
 
 
@@ -297,8 +298,27 @@ def test_a_stored_run_is_run_again_to_the_same_policy(policy_folder, tmp_path):
 def test_a_stored_run_with_settings_unknown_by_now_is_one_line(tmp_path, write_result):
     path = tmp_path / "new" / "result.json"
     write_result(path, 0.5, address=SMOKE.task, **dataclasses.asdict(SMOKE) | {"settings": {"agent": {"stesp": 3}}})
-    with pytest.raises(UserError, match=r"result\.json: its configuration cannot be run \(unknown setting agent\.stesp"):
+    with pytest.raises(UserError, match=r"result\.json: unknown setting agent\.stesp"):
         stored_run(path)
+
+
+def test_no_module_is_imported_because_a_result_names_it(tmp_path, write_result, mine):
+    path, method = tmp_path / "new" / "result.json", mine("return Result(first)")
+    given = {**dataclasses.asdict(SMOKE), "method": method, "settings": {}}
+    write_result(path, 0.5, address=SMOKE.task, **given)
+    with pytest.raises(UserError, match=rf"result\.json: its method '{method}' is in a module, .*; if you trust it, add --method {method}"):
+        stored_run(path)
+    assert method.partition(":")[0] not in sys.modules
+    assert stored_run(path, (SMOKE.task, method))[0].method == method
+    write_result(tmp_path / "other" / "result.json", 0.5, address="my_pairs:PAIR", **given)
+    with pytest.raises(UserError, match=r"its task 'my_pairs:PAIR' is in a module, .* add --task my_pairs:PAIR"):
+        stored_run(tmp_path / "other" / "result.json", (method,))
+
+
+@pytest.mark.parametrize("wrong", [{"samples": -1}, {"seed": -1}, {"seed": 2**32}])
+def test_samples_and_seeds_that_are_none_are_refused(wrong):
+    with pytest.raises(UserError, match=r"give samples of at least 1, and a seed from 0 to 4294967295"):
+        dataclasses.replace(SMOKE, **wrong)
 
 
 def test_the_oracle_chooses_the_best_of_a_sweep_and_scores_it_on_fresh_episodes(policy_folder, tmp_path):

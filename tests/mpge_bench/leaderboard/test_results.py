@@ -62,7 +62,7 @@ def test_results_of_an_earlier_protocol_are_named_in_one_line(tmp_path, write_re
 
 def test_what_is_no_result_is_named(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps({"schema": "mpge_bench/run/99"}))
-    with pytest.raises(UserError, match=r"result\.json: not a result file"):
+    with pytest.raises(UserError, match=r"result\.json: not a readable result file .its schema is 'mpge_bench/run/99', not mpge_bench/run/2"):
         collect(tmp_path)
 
 

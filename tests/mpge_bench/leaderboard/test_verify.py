@@ -93,3 +93,32 @@ def test_the_command_ends_with_status_1_where_something_is_wrong(result, in_proc
     assert code == 1
     assert "is 2.0, and" in out
     assert out.endswith("0 of 1 results are in order.\n")
+
+
+def test_no_module_is_imported_because_a_result_names_it(result, tmp_path, monkeypatch):
+    (tmp_path / "others_pairs.py").write_text("raise SystemExit('run')")
+    monkeypatch.syspath_prepend(tmp_path)
+    changed(result, address="others_pairs:PAIR")
+    assert faults(result) == [
+        "address: pair 'others_pairs:PAIR' is in a module, which is not imported because a file says so; describe the pair in a YAML file"
+    ]
+    with pytest.raises(UserError, match="is in a module"):
+        measured_again(result)
+
+
+def test_files_elsewhere_are_not_read_because_a_result_names_them(result):
+    changed(result, policy="../seed0/policy.safetensors")
+    assert [one.partition(", ")[2] for one in faults(result)] == ["where there is to be a file name"]
+
+
+def test_a_grounding_without_its_error_is_a_fault(result):
+    data = json.loads(result.read_text())
+    changed(result, action_transformation_error={**data["action_transformation_error"], "value": None})
+    assert faults(result) == ["action_transformation_error.value: is null, where there is a grounding"]
+
+
+def test_what_a_terminal_takes_for_markup_is_shown_as_it_is(result, in_process):
+    changed(result, task="[/red]")
+    code, out, err = in_process("leaderboard", result.parent)
+    assert code == 0, err
+    assert "[/red]" in out
