@@ -30,7 +30,7 @@ STYLE: Any = {
 
 
 def render(template: str, **values: Any) -> str:
-    """The page that a template of this package, called by its path in it, makes of `values`; ``style.css.j2`` is there to be included.
+    """The page that a template of this package, called by its path in it, makes of `values`; ``style.css`` is there to be included.
 
     Everything is escaped unless it is Markup; what the template asks for and does not get is an error.
     """

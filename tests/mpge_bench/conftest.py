@@ -48,7 +48,7 @@ def write_result():
             "on_policy_mismatch": {"source": 8.0, "target": 0.0, "lost": 1.0},
             "action_transformation_error": {"value": error, "source": 1.0, "floor": floor},
             "transition_error": {"value": None, "source": 1.0},
-            **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "total": 120.0}},
+            **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "agent": 60.0, "total": 120.0}},
         }
         path.parent.mkdir(parents=True)
         path.write_text(json.dumps(result | entries))
