@@ -17,7 +17,7 @@
   const sort = (head) => {
     const place = [...head.parentNode.children].indexOf(head);
     const body = head.closest("table").tBodies[0];
-    const numeric = head.classList.contains("n");
+    const numeric = head.classList.contains("number");
     const descending = head.ariaSort ? head.ariaSort === "ascending" : numeric;
     for (const other of head.parentNode.children) other.ariaSort = null;
     head.ariaSort = descending ? "descending" : "ascending";
@@ -101,7 +101,7 @@
 
   const all = (run) => {
     const made = element("details", "", element("summary", `All that ${run.method} on ${run.task}, seed ${run.seed}, came to`));
-    made.addEventListener("toggle", () => made.children.length > 1 || made.append(element("pre", JSON.stringify(whole(run), null, 1))));
+    made.firstChild.addEventListener("click", () => made.children.length > 1 || made.append(element("pre", JSON.stringify(whole(run), null, 1))));
     return made;
   };
 

@@ -30,7 +30,7 @@ def policy_folder(tmp_path, untrained):
     return shutil.copytree(untrained, tmp_path / "policies")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def write_result():
     """write_result(path, 0.5, method=..., ...) writes a result with the least there is in one, these entries changed, and makes its folder.
 
@@ -50,7 +50,7 @@ def write_result():
             "transition_error": {"value": None, "source": 1.0},
             **{"simulator_steps": {"grounding": 4000, "agent": 0}, "wall_clock_s": {"grounding": 30.0, "agent": 60.0, "total": 120.0}},
         }
-        path.parent.mkdir(parents=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(result | entries))
 
     return write
