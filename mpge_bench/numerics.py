@@ -6,7 +6,9 @@ differently, too. numba compiles for the processor it finds; it is to do so for 
 and a sum round twice. All of it acts through environment variables, which the libraries read while they are imported, and worker processes inherit.
 
 What is left: another version of a library (results name theirs), a processor without AVX2, and the C library's sine and the like, which PyBullet and what
-numba compiles call and which choose by the processor as well (with FMA or without).
+numba compiles call and which choose by the processor as well (with FMA or without). And torch's own arithmetic is not quite what MKL promises: on two
+processors alike in all of this, groundings came out otherwise in the last bits, under every value of MKL_CBWR, while all that numpy, numba and PyBullet make
+was the same (`tests/mpge_bench/harness/metrics.json` has both). After long learning that is another policy.
 """
 
 from __future__ import annotations

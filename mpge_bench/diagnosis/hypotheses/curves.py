@@ -18,7 +18,8 @@ def curves(predictor: WindowPredictor) -> Iterator[tuple[UnknownTorque, Array]]:
     rig, settings = predictor.linear.rig, predictor.linear.motion.settings.hypotheses
     for index, joint in enumerate(rig.joints):
         for signal in ("q", "dq", "command") if joint in rig.driven else ("q", "dq"):
-            low, high = np.quantile(predictor.range_of(index, signal), (settings.outermost, 1 - settings.outermost))
+            values = predictor.range_of(index, signal)
+            low, high = np.quantile(values, (settings.outermost, 1 - settings.outermost)) if len(values) else (0.0, 0.0)
             if high - low > 1e-6:
                 knots = np.linspace(low, high, settings.knots)
                 yield UnknownTorque(joint, signal, tuple(knots), (0.0,) * settings.knots), predictor.curve(index, signal, knots)

@@ -15,20 +15,38 @@ from mpge_bench.diagnosis.predict.fast.recurrences import filtered, smoothed
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
 
 
 def reference(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisSettings = DEFAULT) -> LinearisedSimulator:
-    """The simulator linearised about the smoothed recordings, with the sensors' noise estimated (or taken from the rig) in ``motion.sigma``."""
+    """The simulator linearised about the smoothed recordings, with the sensors' noise estimated (or taken from the rig) in ``motion.sigma``.
+
+    Raises:
+        UserError: if the motion is too fast for the rows, so that the simulator cannot be linearised about it.
+    """
     motion = motion_of(recordings, rig, settings)
     linear = LinearisedSimulator(rig, motion)
     first = _first_noise(linear)
     stated = _stated(rig)
     sigma = np.where(np.isfinite(stated), stated, first)
-    for _ in range(settings.predict.refinements):
-        linear, sigma = _refine(linear, sigma, stated, (), settings.predict.rough * first)
+    try:
+        for _ in range(settings.predict.refinements):
+            linear, sigma = _refine(linear, sigma, stated, (), settings.predict.rough * first)
+    except np.linalg.LinAlgError:
+        raise _too_fast(rig, recordings) from None
     return linear
+
+
+def _too_fast(rig: Rig, recordings: Sequence[Recording]) -> UserError:
+    steps = [np.abs(np.diff(one.q, axis=0)).max(0) for one in recordings]
+    which, joint = (int(one) for one in np.unravel_index(np.argmax(steps), np.shape(steps)))
+    unit = "m" if rig.model.is_prismatic(rig.joints[joint]) else "rad"
+    return UserError(
+        f"{recordings[which].path}: the motion cannot be followed from row to row: {rig.joints[joint]} moves up to {steps[which][joint]:.2g} {unit} between"
+        " two; record more often, or move more slowly"
+    )
 
 
 def rebase(linear: LinearisedSimulator, effects: Sequence[Effect], sigma: Array) -> LinearisedSimulator:
@@ -66,6 +84,8 @@ def _refine(linear: LinearisedSimulator, sigma: Array, stated: Array, effects: S
         update = np.maximum(np.minimum(update, most), resolution(motion) / np.sqrt(12))
         sigma = np.where(np.isfinite(stated), stated, update)
         state, variance = smooth(linear, measured, sigma, best * size)
+    if not np.abs(motion.layout.dq(state)).max() <= settings.unstable:
+        raise np.linalg.LinAlgError("the smoothed motion flies apart")
     spread = np.sqrt(np.mean(motion.layout.ddx(variance[motion.valid()]), 0))
     refined = LinearisedSimulator(linear.rig, replace(motion, state=state, spread=spread, sigma=sigma), linear.base)
     return refined, sigma

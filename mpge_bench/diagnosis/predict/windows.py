@@ -184,8 +184,9 @@ class WindowPredictor:
         return np.array(found)
 
     def range_of(self, joint: int, signal: str) -> Array:
-        """Values of the signal at all rows of all windows."""
-        return np.asarray(self._signals()[signal][joint].ravel())
+        """Values of the signal at all rows of all windows, but of those in which the base's prediction flies apart."""
+        followed = (np.abs(self.linear.motion.layout.dq(self.state)) <= self.settings.unstable).all((1, 2))
+        return np.asarray(self._signals()[signal][joint][followed].ravel())
 
     def torques(self, effects: Sequence[Effect], *, early: bool = False) -> Array:
         """Mean torque of each interval under `effects`, motors and joints, shape (windows, intervals, joints).

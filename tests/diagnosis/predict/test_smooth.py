@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.data.motion import motion_of
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.smooth import reference, unsense
 from mpge_bench.envs.effects import Armature, CoulombFriction, SensorBias, SensorDelay, SensorScale
+from mpge_bench.envs.errors import UserError
 
 from ..conftest import record, write_rig
 
@@ -27,6 +28,16 @@ def test_what_the_simulator_lacks_is_not_taken_for_noise(tmp_path: Path) -> None
     sigma = reference(rig, noisy).motion.sigma
     assert (sigma[:2] > 3e-4).all()
     assert (sigma[:2] < 3e-3).all()  # .0038 without a bound
+
+
+def test_a_motion_too_fast_for_its_rows_is_refused_by_the_joint_that_is(rig: Rig) -> None:
+    """An arm that whipped round at 250 rad/s, ten milliseconds a row, ended in a curve over a billion radians."""
+    still = record(rig, seconds=3.0)
+    elbow = rig.joints.index("elbow")
+    whipping = still.q.copy()
+    whipping[:, elbow] = np.cumsum(np.random.default_rng(0).uniform(-30, 30, len(whipping)))
+    with pytest.raises(UserError, match=r"elbow moves up to 30 rad between two; record more often"):
+        reference(rig, [replace(still, q=whipping, dq=np.full_like(still.dq, np.nan))])
 
 
 def test_all_effects_of_one_sensor_are_undone(rig: Rig) -> None:

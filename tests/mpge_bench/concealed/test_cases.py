@@ -15,7 +15,9 @@ import yaml
 from mpge_bench import concealed
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
 from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, places, visible
-from mpge_bench.concealed.mechanism import Case, Rig
+from mpge_bench.concealed.make import _recorded
+from mpge_bench.concealed.mechanism import Case, Rig, absolute
+from mpge_bench.concealed.recorded import Sensors
 from mpge_bench.concealed.score import Truth, cases_of, score
 from mpge_bench.concealed.summary import lines
 from mpge_bench.envs.effects import CATALOGUE
@@ -97,6 +99,17 @@ def test_a_cart_has_no_side_to_put_a_load_on() -> None:
     assert places("mass_scale", KINDS["mass_scale"], rig) == ["cart", "pole"]
     assert places("torque_gain", KINDS["torque_gain"], rig) == ["slide"]
     assert places("coupling_spring", OUTSIDE["coupling_spring"], rig) == ["hinge"]
+
+
+def test_no_joint_goes_round_though_what_is_hidden_makes_the_loop_unstable() -> None:
+    """A seven-joint arm whipped round at 250 rad/s: its controller's gains stayed as they were, and only what was asked of it became less."""
+    case = drawn(2027, 28)
+    key = key_of(2027, case.name)
+    rng = np.random.default_rng(key)
+    rig = Rig(case, rng)
+    effects = absolute(case, rig, rng)
+    clean = _recorded(rig, effects, Sensors(case, effects, rig.joints), "closed", np.random.default_rng([*key, 2]), 1.0)[1]
+    assert np.abs(clean[:, 1]).max() < 2.8
 
 
 def test_make_writes_cases_once_and_keeps_answers_apart(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
