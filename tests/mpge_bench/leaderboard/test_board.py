@@ -38,7 +38,7 @@ def written(folder, write_result):
                 names = {"task": task, "method": method, "seed": seed, "access": access, "settings": {"steps": 1000, "agent": {"gamma": 0.99}}} | more
                 write_result(folder / task / method / f"seed{seed}" / "result.json", score + 0.01 * seed, **names)
     # Not to be normalised.
-    write_result(folder / "two" / "broken" / "result.json", None, task="two", method="broken")
+    write_result(folder / "three" / "broken" / "result.json", None, task="three", method="broken")
     return folder
 
 
