@@ -17,9 +17,10 @@ from matplotlib.figure import Figure
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose
-from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
+from mpge_bench.diagnosis.report.plots import COLOURS
 from mpge_bench.diagnosis.verdict.evidence import JointEvidence, Law, Trajectory
 from mpge_bench.record import RecordSettings, record
+from mpge_bench.webpage import STYLE
 
 _SETTINGS = RecordSettings(task="biased_pendulum", policy="target", episodes=8, seconds=4.0, noise_q=0.001, noise_dq=0.01)
 

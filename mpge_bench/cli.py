@@ -518,11 +518,14 @@ def leaderboard(
     results: Annotated[Path | None, typer.Argument(help="Folder with result.json files, at any depth; leaderboard/results if not given.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
     plots: Annotated[Path | None, typer.Option(help="Folder for the same as pictures.")] = None,
+    html: Annotated[Path | None, typer.Option(help="File for the same as one page for a browser: to sort, to filter, with each run's settings.")] = None,
     update: Annotated[bool, typer.Option("--update", help="Write the project's own page, leaderboard/README.md, and its plots anew; in a checkout.")] = False,
 ) -> None:
     """Print the tables of results: pairs, methods compared over pairs, returns with all references, groundings, learning in the target.
 
     Examples: python -m mpge_bench leaderboard runs --plots pictures
+
+    python -m mpge_bench leaderboard --html leaderboard/index.html
 
     python -m mpge_bench leaderboard --update
 
@@ -536,7 +539,7 @@ def leaderboard(
     from mpge_bench.leaderboard.tables import sheets
 
     if update:
-        if results or plots or markdown:
+        if results or plots or html or markdown:
             raise UserError("--update writes the page of leaderboard/results; give it alone, or leave it out to see other results")
         for path in page.update(page.OWN):
             _out.print(f"{path}: written", markup=False, soft_wrap=True)
@@ -558,6 +561,11 @@ def leaderboard(
         except OSError as error:
             raise UserError(f"{plots}: cannot be written to ({error.strerror}); choose another folder with --plots") from error
         print(f"Pictures: {', '.join(map(str, written))}", file=sys.stderr)
+    if html:
+        from mpge_bench.leaderboard.board import write_board
+
+        write_board(found, html)
+        print(f"Page: {html}", file=sys.stderr)
 
 
 @app.command()

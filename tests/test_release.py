@@ -70,7 +70,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(released, of):
     with zipfile.ZipFile(released[of]) as wheel:
         names = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert names == _package(_tracked())
-    assert {Path(name).suffix for name in names} == {".py", ".typed", ".yaml", ".json", ".safetensors", ".urdf", ".j2"}
+    assert {Path(name).suffix for name in names} == {".py", ".typed", ".yaml", ".json", ".safetensors", ".urdf", ".j2", ".css", ".js"}
 
 
 def test_the_source_archive_holds_the_package_and_what_builds_it(released):

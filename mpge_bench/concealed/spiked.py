@@ -20,9 +20,10 @@ from mpge_bench.concealed.summary import drawn, frame, page, wilson
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import find_recordings, write_table
 from mpge_bench.diagnosis.data.rig import read_rig
-from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
+from mpge_bench.diagnosis.report.plots import COLOURS
 from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
+from mpge_bench.webpage import STYLE
 
 
 def prepared(

@@ -6,7 +6,6 @@ import base64
 import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +13,15 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 from scipy import stats
 
 from mpge_bench.concealed.answer import INTERVAL
 from mpge_bench.concealed.compare import COMPARATORS
 from mpge_bench.diagnosis.data.recording import write_table
-from mpge_bench.diagnosis.report.plots import COLOURS, STYLE
+from mpge_bench.diagnosis.report.plots import COLOURS
 from mpge_bench.files import write_text
+from mpge_bench.webpage import STYLE, render
 
 #: In the order in which they are told.
 GROUPS = ("nothing", "one effect", "two effects", "three effects", "outside the catalogue")
@@ -146,9 +145,7 @@ def _told(row: dict[str, Any], names: Sequence[str]) -> tuple[str, ...]:
 
 def page(title: str, lines: Sequence[tuple[str, str]], plots: Sequence[str | None], heads: Sequence[str], table: Sequence[Sequence[str]]) -> str:
     """A page that needs nothing else: what it all came to, plots (HTML), and a table."""
-    template = resources.files("mpge_bench.concealed").joinpath("scores.html.j2").read_text("utf-8")
-    found = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True).from_string(template)
-    return found.render(title=title, lines=lines, plots=[one for one in plots if one], heads=heads, table=table)
+    return render("concealed/scores.html.j2", title=title, lines=lines, plots=[one for one in plots if one], heads=heads, table=table)
 
 
 def _accuracy(rows: Sequence[dict[str, Any]]) -> str | None:

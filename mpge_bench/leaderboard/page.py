@@ -94,4 +94,4 @@ def _page(found: pd.DataFrame, places: Places) -> Iterator[str]:
         yield f"## {section.title}\n"
         folder = places.plots.relative_to(places.page.parent).as_posix()
         yield from (f"{one.caption}\n\n![{one.caption}]({folder}/{one.name})\n" for one in drawn[section.slug])
-        yield from (sheet.markdown() for sheet in section_sheets(section))
+        yield from (sheet.markdown() for sheet in section_sheets(section.results))

@@ -286,6 +286,7 @@ def _curves(found: pd.DataFrame, styles: _Styles) -> Figure:
         axes.annotate("ungrounded source", (0.99, source), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize="small", color="0.4")
         axes.set(xscale="log", yscale="log")
         axes.set_ylim(bottom=0.7 * _LEAST_ERROR)
+        axes.yaxis.set_major_formatter("{x:g}")
         if floor / LARGEST_FLOOR > _LEAST_ERROR:
             axes.axhspan(0.7 * _LEAST_ERROR, floor / LARGEST_FLOOR, color="0.93", zorder=-1)
             said, place = f"floor more than {LARGEST_FLOOR:.0%} of the error", (0.01, floor / LARGEST_FLOOR)

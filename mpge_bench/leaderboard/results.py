@@ -79,8 +79,9 @@ def _row(result: dict[str, Any]) -> dict[str, Any]:
         "source_return": mismatch["source"],
         "lost": mismatch["lost"],
         "grounding_steps": result["simulator_steps"]["grounding"],
-        "grounding_seconds": result["wall_clock_s"]["grounding"],
+        "agent_steps": result["simulator_steps"]["agent"],
         "minutes": result["wall_clock_s"]["total"] / 60,
+        **{f"{part}_minutes": result["wall_clock_s"][part] / 60 for part in ("grounding", "agent")},
         **{f"episode_{share}": _number(learnt.get(share)) for share in SHARES},
         "physics": tuple(sorted(result["fingerprints"].items())),
         "settings": tuple(sorted(_leaves(result["settings"]))),
@@ -171,12 +172,14 @@ class Comparison:
 
     Attributes:
         scores: normalised returns, (runs, pairs), by method, best interquartile mean first. A method that draws no target samples stands beside those that do.
+        runs: the rows of the results that these are of, by method.
     """
 
     preset: str
     samples: int
     pairs: tuple[str, ...]
     scores: dict[str, Scores]
+    runs: dict[str, pd.DataFrame]
 
     @property
     def budget(self) -> str:
@@ -203,15 +206,19 @@ def comparisons(found: pd.DataFrame) -> list[Comparison]:
             pairs = tuple(sorted(set.intersection(*having.values()))) if having else ()
             if len(pairs) < FEWEST_PAIRS or len(having) < 2:
                 continue
-            scores = {method: _scores(here[here["method"] == method], pairs) for method in having}
+            runs = {method: _as_many(here[here["method"] == method], pairs) for method in having}
+            scores = {method: np.stack([one["normalized_return"].to_numpy(float) for one in own], axis=1) for method, own in runs.items()}
             best = sorted(scores, key=lambda method: (-interquartile_mean(scores[method]), method))
-            made.append(Comparison(str(preset), int(samples), pairs, {method: scores[method] for method in best}))
+            made.append(
+                Comparison(str(preset), int(samples), pairs, {method: scores[method] for method in best}, {method: pd.concat(runs[method]) for method in best})
+            )
     return made
 
 
-def _scores(found: pd.DataFrame, pairs: tuple[str, ...]) -> Scores:
-    runs = [found[found["task"] == pair].sort_values("seed")["normalized_return"].to_numpy(float) for pair in pairs]
-    return np.stack([values[: min(map(len, runs))] for values in runs], axis=1)
+def _as_many(found: pd.DataFrame, pairs: tuple[str, ...]) -> list[pd.DataFrame]:
+    """The runs of each of the pairs, as many of one as of another."""
+    runs = [found[found["task"] == pair].sort_values("seed") for pair in pairs]
+    return [one[: min(map(len, runs))] for one in runs]
 
 
 def perfect(found: pd.DataFrame) -> dict[tuple[str, str], Perfect]:

@@ -30,7 +30,7 @@ def policy_folder(tmp_path, untrained):
     return shutil.copytree(untrained, tmp_path / "policies")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def write_result():
     """write_result(path, 0.5, method=..., ...) writes a result with the least there is in one, these entries changed, and makes its folder.
 
@@ -51,10 +51,10 @@ def write_result():
             "action_transformation_error": {"value": error, "source": 1.0, "floor": floor},
             "transition_error": {"value": None, "source": 1.0, "floor": None},
             "simulator_steps": {"grounding": 4000, "agent": 0},
-            "wall_clock_s": {"grounding": 30.0, "agent": 0.0, "evaluation": 1.0, "total": 120.0},
+            "wall_clock_s": {"grounding": 30.0, "agent": 60.0, "evaluation": 1.0, "total": 120.0},
         }
         oracle = {"returns": result["returns"]["policy"], "normalized_return": normalized, "chosen": "x", "target_episodes": 50}
-        path.parent.mkdir(parents=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(_changed(result | ({"oracle": oracle} if entries.get("oracle") else {}), entries)))
 
     return write

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from importlib import resources
 
 import matplotlib
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
 from mpge_bench.diagnosis.report.numbers import number
-from mpge_bench.diagnosis.report.plots import COLOURS, STYLE, finite_rows, joint_plots, law_plot, trajectory_plot
+from mpge_bench.diagnosis.report.plots import COLOURS, finite_rows, joint_plots, law_plot, trajectory_plot
 from mpge_bench.diagnosis.report.tables import (
     confusions_table,
     detectable_table,
@@ -23,6 +21,7 @@ from mpge_bench.diagnosis.report.tables import (
     where_lines,
 )
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.webpage import STYLE, render
 
 #: Rows of a table before the rest is folded away; joints and trajectories that are drawn at most; joints that are shown whatever their share.
 ROWS, JOINTS, TRAJECTORIES, SHOWN = 12, 12, 12, 3
@@ -61,10 +60,8 @@ def report_html(result: DiagnosisResult) -> str:
             if (plot := law_plot(law, evidence.laws, joints, fitted.get((law.effect, law.joint), ""), f"l{place}-")) is not None
         ]
         trajectories = [trajectory_plot(one, f"t{place}-") for place, one in enumerate(evidence.trajectories[:TRAJECTORIES]) if len(one.time) > 1]
-    template = resources.files("mpge_bench.diagnosis.report").joinpath("report.html.j2").read_text(encoding="utf-8")
-    # Everything is escaped unless it is Markup; what the template asks for and does not get is an error.
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string(template).render(
+    return render(
+        "diagnosis/report/report.html.j2",
         verdict=result.verdict,
         title=heading,
         gist=gist,

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -19,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from mpge_bench.diagnosis.report.numbers import number, unit_text
 from mpge_bench.diagnosis.report.tables import title
 from mpge_bench.diagnosis.verdict.evidence import JointEvidence, Law, Trajectory
+from mpge_bench.webpage import svg
 
 Array = npt.NDArray[np.float64]
 
@@ -31,22 +29,6 @@ LINE = 700
 #: Width and height of the plots, in points of their font: they are shown at 0.8 to 1.2 times that.
 PANEL, CURVE, WIDE = (340, 235), (420, 250), (420, 280)
 
-STYLE: Any = {
-    "axes.edgecolor": "#9aa5b1",
-    "axes.labelcolor": "#1f2933",
-    "axes.linewidth": 0.8,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "font.size": 11,
-    "grid.color": "#e4e7eb",
-    "grid.linewidth": 0.7,
-    "path.simplify_threshold": 0.3,
-    "svg.fonttype": "none",  # text stays text: small, sharp, and found by a search
-    "svg.hashsalt": "mpge_bench",  # the same diagnosis gives the same page
-    "text.parse_math": False,  # a joint may be called $x$
-    "xtick.color": "#52606d",
-    "ytick.color": "#52606d",
-}
 #: Between ticks, times powers of ten.
 _STEPS = (1, 2, 2.5, 5, 10)
 
@@ -105,7 +87,7 @@ def joint_plots(joint: JointEvidence, place: int) -> JointPlots:
         for values, kind in sets:
             _medians(axes, signal, values, kind)
         axes.set(xlabel=label, ylabel=f"residual force, {joint.unit}", ylim=limits)
-        plots.append(Plot(_svg(figure, f"j{place}{name}-", f"Residual force of {joint.joint} against {name}"), ""))
+        plots.append(Plot(svg(figure, f"j{place}{name}-", f"Residual force of {joint.joint} against {name}"), ""))
     return JointPlots(joint.joint, plots, f"Not drawn: {'; '.join(still)}." if still else "")
 
 
@@ -131,7 +113,7 @@ def law_plot(law: Law, laws: Sequence[Law], joints: Sequence[JointEvidence], fit
     axes.plot(law.at, law.torque, color="white", linewidth=4.5)
     axes.plot(law.at, law.torque, color=COLOURS["law"], linewidth=2.2)
     axes.set(xlabel=label, ylabel=f"force{unit}")
-    return Plot(_svg(figure, prefix, f"Law of {law.effect} at {law.joint}"), caption + ".")
+    return Plot(svg(figure, prefix, f"Law of {law.effect} at {law.joint}"), caption + ".")
 
 
 def trajectory_plot(one: Trajectory, prefix: str) -> Plot:
@@ -171,7 +153,7 @@ def trajectory_plot(one: Trajectory, prefix: str) -> Plot:
     figure.align_ylabels()
     sizes = " → ".join(number(float(np.sqrt(np.mean(missed**2))) if len(missed) else math.nan, 3) for missed in errors)
     caption = f"{one.recording}, {one.joint}: root mean square error {sizes} {unit_text(one.unit)}".rstrip() + "."
-    return Plot(_svg(figure, prefix, f"{one.joint} in {one.recording}, recorded and simulated"), caption)
+    return Plot(svg(figure, prefix, f"{one.joint} in {one.recording}, recorded and simulated"), caption)
 
 
 def _axes(size: tuple[float, float]) -> tuple[Figure, Axes]:
@@ -222,17 +204,3 @@ def _medians(axes: Axes, signal: Array, values: Array, kind: str, bins: int = 24
     axes.fill_between(middle, low, high, color=COLOURS[kind], alpha=0.22, linewidth=0)
     axes.plot(middle, median, color="white", linewidth=3.2)
     axes.plot(middle, median, color=COLOURS[kind], linewidth=1.7, marker="o", markersize=3.2)
-
-
-def _svg(figure: Figure, prefix: str, label: str) -> Markup:
-    """The figure as an element of the page, as wide as its place; `prefix` keeps its names apart from other figures'."""
-    file = io.StringIO()
-    figure.savefig(file, format="svg", dpi=120, transparent=True, metadata={"Date": None})
-    text = file.getvalue()
-    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.S)
-    box = re.search(r'viewBox="[^"]*"', text)
-    assert box is not None
-    head = f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg" role="img" aria-label="{escape(label)}" {box[0]}>'
-    body = text[text.index(">") + 1 :]
-    body = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{prefix}", body)
-    return Markup(head + body)
