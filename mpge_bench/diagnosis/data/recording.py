@@ -21,6 +21,8 @@ from mpge_bench.envs.errors import UserError, one_line
 Array = npt.NDArray[np.float64]
 
 _PARQUET = (".parquet", ".pq")
+#: What is no recording, but may hold some.
+_FOREIGN = (".mcap", ".db3", ".pt")
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
         UserError: naming file, column and row (counted from 1, without the header), if a column is missing or of an unknown joint, a value is no finite
             number, time does not rise, the recording is too short, or a free base's pose is none.
     """
-    table = _table(path)
+    table = read_table(path)
     _check_columns(path, table, rig)
     values = _columns(path, table, rig)
     time = values["time"]
@@ -183,7 +185,14 @@ def _numbers(column: pd.Series[Any]) -> Array:
         return np.full(len(column), np.nan)
 
 
-def _table(path: Path) -> pd.DataFrame:
+def read_table(path: Path) -> pd.DataFrame:
+    """What a CSV or, by its name, Parquet file holds, unchecked.
+
+    Raises:
+        UserError: if it cannot be read, or is of a format that has to be converted first.
+    """
+    if path.is_dir() or path.suffix.lower() in _FOREIGN:
+        raise UserError(f"{path}: not a CSV or Parquet file; `python -m mpge_bench convert {path} --rig RIG` makes recordings of bags and data sets")
     try:
         if path.suffix.lower() in _PARQUET:
             return pd.read_parquet(path)
