@@ -233,7 +233,9 @@ def diagnose(
     noise: Annotated[float, typer.Option(min=0.0, help="With --task: noise of the sensors, as a share of each entry's spread, such as 0.01.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="With --task: repeats the draw.")] = 0,
     transitions: Annotated[
-        Path | None, typer.Option(help="With --task: transitions of your own instead (NPZ: observations, actions, next_observations, in order).")
+        Path | None, typer.Option(
+            help="With --task: transitions of your own instead: NPZ (observations, actions, next_observations, in order), or the folder of a Minari data set."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html, corrected.yaml and, at need, next_experiment.csv.")] = Path("report"),
     horizon: Annotated[
@@ -298,11 +300,13 @@ def _diagnose_pair(
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.transitions import pipeline
     from mpge_bench.diagnosis.transitions.episodes import read_transitions
+    from mpge_bench.exchange import minari
     from mpge_bench.policies import home
     from mpge_bench.unmask import drawn
 
     task = get_task(name)
-    known = None if transitions is None else read_transitions(transitions, task.robot)
+    read = minari.read_transitions if transitions and transitions.is_dir() else read_transitions
+    known = None if transitions is None else read(transitions, task.robot)
     with ConsoleProgress() as progress:
         progress.stage("drawing transitions", 0)
         target, own = drawn(task if known is None else task.undone(), samples if known is None else len(known), noise, seed, policies or home(name))
@@ -402,6 +406,81 @@ def record(
         _out.print(f"{short} of {len(tables)} are too short for `diagnose` ({least}); {advice}.", soft_wrap=True)
     else:
         _out.print(f"Next: python -m mpge_bench diagnose --rig {out / 'rig.yaml'} --recording '{out}/episode_*.{format}' --out report/", soft_wrap=True)
+
+
+@app.command()
+def collect(
+    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    out: Annotated[Path, typer.Option(help="File for the transitions, .npz, or (anything else) folder for a Minari data set.")],
+    samples: Annotated[int, typer.Option(min=1, help="Target transitions to draw, as any method draws them.")] = 1000,
+    noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Repeats the draw.")] = 0,
+    policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
+) -> None:
+    """Draw transitions of a pair's target, as any method gets to see them, for other tools and for `diagnose --transitions`.
+
+    Example: python -m mpge_bench collect --task broken_hopper --samples 1000 --out broken_hopper
+
+    The shipped source policies draw them in equal shares, or smooth random actions where there are none. NPZ has arrays observations, actions and
+    next_observations; a Minari data set has episodes, in which rewards are NaN and no end is marked as a termination: transitions hold neither.
+    """
+    from mpge_bench.diagnosis.transitions.episodes import write_transitions
+    from mpge_bench.exchange import minari
+    from mpge_bench.policies import home
+    from mpge_bench.unmask import drawn
+
+    pair = get_task(task)
+    if out.exists():
+        raise UserError(f"{out}: is there already; choose another place with --out")
+    found, _ = drawn(pair, samples, noise, seed, policies or home(task))
+    if out.suffix == ".npz":
+        write_transitions(found, out)
+    else:
+        minari.write_transitions(found, pair, out)
+    _out.print(f"Written to {out}: {len(found)} transitions in {len(found.begins)} episodes", markup=False, soft_wrap=True)
+
+
+@app.command()
+def convert(
+    sources: Annotated[list[Path], typer.Argument(help="Bags (.mcap, .db3, folder), LeRobot or Minari data sets (folder), PACE's .pt, CSV or Parquet files.")],
+    rig: Annotated[Path, typer.Option(help="rig.yaml: which joints there are, and what their motors take (docs/recordings.md).")],
+    out: Annotated[Path, typer.Option(help="Folder for the recordings; of --format minari, the data set.")] = Path("recordings"),
+    states: Annotated[
+        str, typer.Option(help="Topic (sensor_msgs/JointState) or LeRobot feature with the states; /joint_states or observation.state if not given.")
+    ] = "",
+    commands: Annotated[
+        str,
+        typer.Option(
+            help="Topic (sensor_msgs/JointState, std_msgs/Float64MultiArray, trajectory_msgs/JointTrajectory) or LeRobot feature with the commands;"
+            " /joint_commands or action if not given."
+        ),
+    ] = "",
+    joints: Annotated[str, typer.Option(help="The rig's joints in the order of values that have no names, such as shoulder,elbow.")] = "",
+    degrees: Annotated[bool, typer.Option("--degrees", help="Angles in the files are in degrees.")] = False,
+    format: Annotated[str, typer.Option(help="csv, parquet or minari.")] = "csv",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace recordings that are in the folder already.")] = False,
+) -> None:
+    """Make recordings of ROS 2 bags, LeRobot and Minari data sets, and files of Isaac Sim and PACE; or a Minari data set of recordings.
+
+    Examples: python -m mpge_bench convert run1.mcap run2.mcap --rig rig.yaml --commands /effort_controller/commands --joints shoulder,elbow
+
+    python -m mpge_bench convert my_dataset/ --rig rig.yaml --degrees
+
+    A bag gives one recording, a data set one for each episode. States and commands are put on one clock, the headers' stamps; rows are the states. A command
+    is held until the next one, and a row has the mean of what was held until the next row. A command is a torque or a target angle, as the joint's mode in the
+    rig says. Nothing is written if anything cannot be read.
+    """
+    from mpge_bench.diagnosis.data.rig import read_rig
+    from mpge_bench.exchange.convert import read, write
+    from mpge_bench.exchange.series import Asked
+
+    believed, asked = read_rig(rig), Asked(states, commands, tuple(joint.strip() for joint in joints.split(",") if joint.strip()), degrees)
+    found = [one for source in sources for one in read(source, believed, asked)]
+    written = write(found, believed, out, format, overwrite=overwrite)
+    for one in found:
+        said = [f"{len(one.table)} rows", f"{one.table['time'].iloc[-1] - one.table['time'].iloc[0]:.2f} s", *one.notes]
+        _out.print(f"{one.name}: {'; '.join(said)}", markup=False, soft_wrap=True)
+    _out.print(f"Written: {', '.join(map(str, written))}", markup=False, soft_wrap=True)
 
 
 @app.command()

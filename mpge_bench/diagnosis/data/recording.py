@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 _PARQUET = (".parquet", ".pq")
 #: Numbers of nothing physical, of whose squares and products there may be none.
 _LARGEST = 1e50
+#: What is no recording, but may hold some.
+_FOREIGN = (".mcap", ".db3", ".pt")
 
 
 @dataclass(frozen=True)
@@ -192,8 +194,10 @@ def read_table(path: Path) -> pd.DataFrame:
     """The table in a CSV or, by its name, Parquet file, whatever is in it.
 
     Raises:
-        UserError: if it cannot be read.
+        UserError: if it cannot be read, or is of a format that has to be converted first.
     """
+    if path.is_dir() or path.suffix.lower() in _FOREIGN:
+        raise UserError(f"{path}: not a CSV or Parquet file; `python -m mpge_bench convert {path} --rig RIG` makes recordings of bags and data sets")
     with reading(path, "CSV or Parquet file", "a recording has columns time, u_<joint>, q_<joint>"):
         if path.suffix.lower() in _PARQUET:
             return parquet_table(path)

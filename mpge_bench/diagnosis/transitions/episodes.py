@@ -116,6 +116,23 @@ def checked(found: Episodes, robot: Robot, where: str) -> Episodes:
     return replace(found, actions=np.clip(found.actions, -robot.action_limit, robot.action_limit))
 
 
+def write_transitions(found: Episodes, path: Path) -> None:
+    """Write `found` to an NPZ file with arrays `FIELDS`, whole or not at all.
+
+    Raises:
+        UserError: if the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            np.savez_compressed(file, observations=found.observations, actions=found.actions, next_observations=found.next_observations)
+        partial.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror or error}); choose another place with --out") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
 def read_transitions(path: Path, robot: Robot) -> Episodes:
     """The transitions in an NPZ file with arrays `FIELDS`.
 

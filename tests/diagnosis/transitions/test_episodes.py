@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.transitions.episodes import FIELDS, Episodes, checked, read_transitions
+from mpge_bench.diagnosis.transitions.episodes import FIELDS, Episodes, checked, read_transitions, write_transitions
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.robots import ROBOTS
 
@@ -80,6 +80,17 @@ def test_files_are_read(tmp_path: Path) -> None:
     np.savez(tmp_path / "own.npz", **{name: getattr(found, name) for name in FIELDS})
     read = read_transitions(tmp_path / "own.npz", HOPPER)
     assert (read.next_observations == found.next_observations).all()
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    found = episodes()
+    write_transitions(found, tmp_path / "own.npz")
+    read = read_transitions(tmp_path / "own.npz", HOPPER)
+    wanted = checked(found, HOPPER, "")
+    assert all((getattr(read, name) == getattr(wanted, name)).all() for name in FIELDS)
+    assert [path.name for path in tmp_path.iterdir()] == ["own.npz"]
+    with pytest.raises(UserError, match=r"gone/own\.npz: cannot be written \(No such file or directory\)"):
+        write_transitions(found, tmp_path / "gone" / "own.npz")
 
 
 def test_files_that_are_none_are_refused(tmp_path: Path) -> None:

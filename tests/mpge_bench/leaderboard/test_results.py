@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import mpge_bench
 from mpge_bench.envs.errors import UserError
 from mpge_bench.leaderboard import results
 from mpge_bench.leaderboard.results import collect, comparisons, perfect
@@ -103,3 +105,13 @@ def test_runs_of_other_names_may_have_other_settings(tmp_path, write_result):
     for number, other in enumerate(({"method": "n"}, {"samples": 20}, {"variant": "smoke+x=1"}, {"task": "u"}, {})):
         write_result(tmp_path / f"{number}/result.json", 0.5, settings={"x": number}, **other)
     assert len(collect(tmp_path)) == 5
+
+
+def test_all_results_are_a_frame_in_one_call_and_the_docs_say_what_its_columns_are(tmp_path, write_result):
+    write_result(tmp_path / "deep/down/result.json", 0.5, seed=3)
+    found = mpge_bench.results(tmp_path)
+    assert found.loc[0, ["seed", "normalized_return"]].tolist() == [3, 0.5]
+    page = (Path(__file__).parents[3] / "docs" / "benchmark.md").read_text("utf-8")
+    assert not [name for name in found if f"`{name}`" not in page and not name.startswith("episode_")]
+    with pytest.raises(UserError, match=r"gone: no result\.json below it"):
+        mpge_bench.results(tmp_path / "gone")

@@ -1,0 +1,1 @@
+"""Recordings and transitions from and to the formats of other tools."""
