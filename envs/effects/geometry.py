@@ -32,7 +32,6 @@ class LinkLength(_OfGeometry):
 
     name = "link_length"
     sentence = "The {target} sits {longer} farther out on the link that carries it: that link has another length."
-    adds = True
     parameters = {"longer": Parameter("m", -10.0, 10.0)}
 
     def install(self, model: Model) -> None:
@@ -58,7 +57,6 @@ class JointOrigin(_OfGeometry):
 
     name = "joint_origin"
     sentence = "The {target} sits off by {x}, {y}, {z} in the frame of the link that carries it."
-    adds = True
     contains = ("link_length",)
     parameters = {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
 
@@ -86,7 +84,6 @@ class JointAxis(_OfGeometry):
 
     name = "joint_axis"
     sentence = "The {target}'s axis is tilted by {first} and {second} about the two directions across it."
-    adds = True
     parameters = {name: Parameter("°", -90.0, 90.0) for name in ("first", "second")}
 
     def install(self, model: Model) -> None:
