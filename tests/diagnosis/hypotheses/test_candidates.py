@@ -19,11 +19,20 @@ def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) 
     names = {one.name for one in found}
     # A servo is the rig's own; a nameless curve is tried last, on its own terms. Mechanisms that touch nothing have no contacts, and what else the
     # benchmark alone needs is another effect there: a damping is viscous friction, a larger rotor armature, a mass on the link payload, and so on.
+    # Where a joint of a fixed base is, its motion does not tell.
     benchmark = {"attached_mass", "dc_motor", "joint_damping", "latency", "link_size", "rotor_scale"}
     contact = {"contact_compliance", "contact_friction", "ground_height", "ground_tilt", "restitution"}
+    carried = {"joint_axis", "joint_origin", "link_length"}
     formulas = {name for name, kind in CATALOGUE.items() if kind.is_formula}
-    assert names == set(CATALOGUE) - {"position_servo", "unknown"} - benchmark - contact - formulas
+    assert names == set(CATALOGUE) - {"position_servo", "unknown"} - benchmark - contact - carried - formulas
     assert {name for name, kind in CATALOGUE.items() if kind.sentence or "say" in kind.__dict__} == set(CATALOGUE) - {"dc_motor"}
+
+
+def test_where_a_joint_is_is_looked_for_where_another_joint_carries_it(rig: Rig) -> None:
+    found = {one.label for one in candidates(rig, posed(rig, seconds=1.0).scales)}
+    for name in ("joint_axis", "joint_origin", "link_length"):
+        assert f"{name}:elbow" in found
+        assert f"{name}:shoulder" not in found
 
 
 def test_every_formula_is_looked_for_where_formulas_are(rig: Rig) -> None:
