@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -244,7 +244,7 @@ class Model:
         """
         inertial = self._inertial(link)
         inertial.clear()
-        ET.SubElement(inertial, "origin", xyz=" ".join(repr(float(value)) for value in centre))
+        ET.SubElement(inertial, "origin", xyz=_said(centre))
         ET.SubElement(inertial, "mass", value=repr(float(mass)))
         keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
         ET.SubElement(inertial, "inertia", {key: repr(float(inertia[at])) for key, at in keys.items()})
@@ -373,7 +373,7 @@ class Model:
             UserError: if no movable joint has that name.
         """
         self._named(joint)
-        self._part(joint, "origin").set("xyz", " ".join(repr(float(value)) for value in self.place(joint) + offset))
+        self._part(joint, "origin").set("xyz", _said(self.place(joint) + offset))
 
     def set_axis(self, joint: str, axis: Array) -> None:
         """Give `joint` another axis, of length 1, in its own frame; what it carries stays where it is at position 0.
@@ -382,14 +382,11 @@ class Model:
             UserError: if no movable joint has that name.
         """
         self._named(joint)
-        self._part(joint, "axis").set("xyz", " ".join(repr(float(value)) for value in axis))
+        self._part(joint, "axis").set("xyz", _said(axis))
 
-    def same_geometry(self, other: Model) -> bool:
-        """Whether the joints of both are in the same places, with the same axes."""
-        return all(
-            (one.origin == two.origin).all() and (one.axis == two.axis).all() and (one.turn == two.turn).all()
-            for one, two in zip(self.tree(), other.tree(), strict=True)
-        )
+    def geometry(self) -> Array:
+        """Where all joints are, and how they turn or slide: places, axes and frames in the links that carry them, as numbers to compare."""
+        return np.concatenate([part.ravel() for joint in self.tree() for part in (joint.origin, joint.axis, joint.turn)] or [np.empty(0)])
 
     def set_damping(self, joint: str, damping: float) -> None:
         """Give `joint` another damping, N m s/rad, in place of the file's."""
@@ -609,7 +606,7 @@ class Model:
             if vector.shape != (3,) or not 0 < length < math.inf:
                 raise UserError(f"{self.path}: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; give three numbers that are not all 0")
             if abs(length - 1) > 1e-12:
-                axis.set("xyz", " ".join(repr(float(value)) for value in vector / length))
+                axis.set("xyz", _said(vector / length))
         for link in self.links:
             mass, centre, inertia = self.inertial(link)
             least, middle, most = np.linalg.eigvalsh(inertia)
@@ -673,7 +670,7 @@ def _capsule(radius: float, length: float) -> tuple[float, Array]:
 
 def _move(origin: ET.Element | None, stretch: Array) -> None:
     if origin is not None:
-        origin.set("xyz", " ".join(repr(float(value)) for value in stretch @ _vector(origin, "xyz", "0 0 0")))
+        origin.set("xyz", _said(stretch @ _vector(origin, "xyz", "0 0 0")))
 
 
 def rotor_of(joint: str) -> str:
@@ -687,6 +684,11 @@ def _are_numbers(text: str, count: int) -> bool:
     except ValueError:
         return False
     return len(numbers) == count and all(map(math.isfinite, numbers))
+
+
+def _said(values: Iterable[float]) -> str:
+    """The numbers as files have them, so exactly that they are read back the same."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def _vector(element: ET.Element | None, key: str, default: str) -> Array:

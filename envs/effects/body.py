@@ -9,22 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
+from mpge_bench.envs.effects.effect import Effect, OfModel, Parameter, Scale
 
 if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
 
 
-class _OfBody(Effect):
-    """What makes a link another body."""
-
-    def to_urdf(self, model: Model) -> bool:
-        self.install(model)
-        return True
-
-
 @dataclass(frozen=True)
-class MassScale(_OfBody):
+class MassScale(OfModel):
     """The link (``"*"``: every link) is `factor` times as dense: its mass and its rotational inertia grow alike, its shape stays.
 
     Rotors (`World`'s armature) are links of their own and stay as they are.
@@ -49,7 +41,7 @@ class MassScale(_OfBody):
 
 
 @dataclass(frozen=True)
-class InertiaScale(_OfBody):
+class InertiaScale(OfModel):
     """The link's rotational inertia about its centre of mass is `factor` times as large; its mass stays."""
 
     factor: float
@@ -69,7 +61,7 @@ class InertiaScale(_OfBody):
 
 
 @dataclass(frozen=True)
-class ComOffset(_OfBody):
+class ComOffset(OfModel):
     """The link's centre of mass lies `x`, `y`, `z` metres off, along the axes of the link's frame; mass and inertia about it stay."""
 
     x: float = 0.0
@@ -96,7 +88,7 @@ class ComOffset(_OfBody):
 
 
 @dataclass(frozen=True)
-class _PointMass(_OfBody):
+class _PointMass(OfModel):
     """A point `mass` fixed to the link; its variants differ in how they say where."""
 
     mass: float
@@ -165,7 +157,7 @@ class AttachedMass(_PointMass):
 
 
 @dataclass(frozen=True)
-class LinkSize(_OfBody):
+class LinkSize(OfModel):
     """The link, a capsule, is `length` times as long and `radius` times as thick; density stays, and the joints it carries move out."""
 
     length: float = 1.0

@@ -371,6 +371,14 @@ class Effect:
         return {"effect": self.name, **data}
 
 
+class OfModel(Effect):
+    """What makes a link another body, or puts a joint elsewhere: the model itself is another, and a URDF holds it as it is."""
+
+    def to_urdf(self, model: Model) -> bool:
+        self.install(model)
+        return True
+
+
 def _within(value: Any, parameter: Parameter) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value) and parameter.low <= float(value) <= parameter.high
 

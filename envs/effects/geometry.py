@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
+from mpge_bench.envs.effects.effect import OfModel, Parameter, Scale
 
 if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
 
 
-class _OfGeometry(Effect):
+#: Degrees from which on a tilted axis is another axis, not one that was mounted or drawn askew.
+_ASKEW = 45.0
+
+
+class _OfGeometry(OfModel):
     """What puts a joint elsewhere. At a fixed base nothing in the joints' motion tells where it is, so that it is looked for at joints that others carry."""
 
     on = "joint"
-
-    def to_urdf(self, model: Model) -> bool:
-        self.install(model)
-        return True
 
 
 @dataclass(frozen=True)
@@ -101,4 +101,4 @@ class JointAxis(_OfGeometry):
         return [{"first": 2.0}, {"second": 2.0}] if scale.carried else []
 
     def is_plausible(self, scale: Scale) -> bool:
-        return max(abs(self.first), abs(self.second)) < 45
+        return max(abs(self.first), abs(self.second)) < _ASKEW

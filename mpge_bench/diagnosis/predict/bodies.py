@@ -39,6 +39,7 @@ class BodyRegressor:
         # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
         pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
         self._gravity = np.stack([sum(pull[link] @ self._base[link] for link in pull) for pull in pulls], -1)
+        self._geometry = linear.model.geometry()
         self._known: Memory[tuple[Effect, ...], Array] = Memory(32)
         self._forces = {link: np.stack([-pull[link][..., :4] @ np.append(1.0, linear.model.inertial(link)[1]) for pull in pulls], -1) for link in self._columns}
 
@@ -53,7 +54,7 @@ class BodyRegressor:
         linear = self._linear
         rig = linear.rig
         model = rig.changed(effects)
-        if not model.same_geometry(linear.model):
+        if not np.array_equal(model.geometry(), self._geometry):
             # Where joints are elsewhere, nothing is in proportion to the bodies' parameters as they are here.
             return self._whole - self._asked_by(model, rig.rotors(effects))
         added = np.zeros(self._accelerations.shape)
