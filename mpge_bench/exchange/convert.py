@@ -12,6 +12,7 @@ from mpge_bench.exchange import isaac, lerobot, minari, ros
 from mpge_bench.exchange.series import Asked, Read, in_radians
 
 FORMATS = ("csv", "parquet", "minari")
+_TABLES = (".csv", ".parquet", ".pq")
 _UNDERSTOOD = "ROS 2 bags (.mcap, .db3, a bag's folder), LeRobot and Minari data sets (folders), PACE's .pt, and CSV and Parquet"
 
 
@@ -25,7 +26,7 @@ def read(path: Path, rig: Rig, asked: Asked) -> list[Read]:
         raise UserError(f"{path}: is not there; give {_UNDERSTOOD}")
     if minari.is_minari(path):
         return minari.read_recordings(path, rig)
-    if path.is_file() and path.suffix.lower() in (".csv", ".parquet", ".pq"):
+    if path.is_file() and path.suffix.lower() in _TABLES:
         table = read_table(path)
         if not isaac.is_compact(table):
             read_recording(path, rig)
@@ -38,7 +39,7 @@ def read(path: Path, rig: Rig, asked: Asked) -> list[Read]:
         found = lerobot.read_lerobot(path, rig, asked)
     elif path.suffix.lower() == ".pt":
         found = [isaac.read_pace(path, rig, asked)]
-    elif path.suffix.lower() in (".csv", ".parquet", ".pq"):
+    elif path.suffix.lower() in _TABLES:
         found = [isaac.read_compact(path, table, rig, asked)]
     else:
         raise UserError(f"{path}: of no known format; give {_UNDERSTOOD}")

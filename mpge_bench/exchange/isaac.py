@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading
 from mpge_bench.exchange.series import Array, Asked, Read, Series, joined, ordered
 
 #: Tensors in a file of PACE (Bjelonic et al. 2025, arXiv 2509.06342; pace-sim2real's data_collection.py): time (n,), positions and target angles (n, joints).
@@ -50,14 +50,11 @@ def read_pace(path: Path, rig: Rig, asked: Asked) -> Read:
     """
     import torch
 
-    try:
+    with reading(path, "file of PACE", f"it has tensors {TIME} (n), {POSITIONS} and {TARGETS} (n, joints)"):
         data = torch.load(path, map_location="cpu", weights_only=True)
         time, positions, targets = (np.asarray(data[name].numpy(), float) for name in (TIME, POSITIONS, TARGETS))
         if positions.ndim != 2 or targets.shape != positions.shape or time.shape != positions.shape[:1]:
             raise ValueError(f"{TIME} has shape {time.shape}, {POSITIONS} {positions.shape}, {TARGETS} {targets.shape}")
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
-        said = one_line(error, named=True)[:120]
-        raise UserError(f"{path}: not a readable file of PACE ({said}); it has tensors {TIME} (n), {POSITIONS} and {TARGETS} (n, joints)") from error
     wrong = next((joint for joint in rig.driven if rig.modes[joint] != "position"), None)
     if wrong:
         raise UserError(f"{path}: {TARGETS} are target angles, and {wrong} of the rig has mode {rig.modes[wrong]}; give it mode position, with kp and kd")

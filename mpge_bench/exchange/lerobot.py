@@ -12,7 +12,9 @@ import pandas as pd
 
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import reading, text_of
 from mpge_bench.exchange.series import Array, Asked, Read, Series, joined, ordered
+from mpge_bench.files import parquet_table
 
 #: Features by their usual names; velocities are in one of their own, or among the states.
 STATES, COMMANDS, VELOCITIES = "observation.state", "action", "observation.velocity"
@@ -59,19 +61,14 @@ def read_lerobot(path: Path, rig: Rig, asked: Asked) -> list[Read]:
 
 def _frames(path: Path) -> tuple[Mapping[str, Any], pd.DataFrame]:
     """What meta/info.json says of the features, and all frames in order."""
-    try:
-        info = json.loads((path / "meta" / "info.json").read_text("utf-8"))
-        features = info["features"]
+    with reading(path, "LeRobot data set", "it needs meta/info.json and data/**/*.parquet"):
+        features = json.loads(text_of(path / "meta" / "info.json"))["features"]
         if not isinstance(features, dict):
             raise TypeError("features in meta/info.json is no mapping")
         files = sorted((path / "data").rglob("*.parquet"))
         if not files:
             raise FileNotFoundError("no Parquet file below data/")
-        frames = pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
-    except Exception as error:  # pandas and pyarrow raise many kinds
-        said = one_line(error, named=True)[:160]
-        raise UserError(f"{path}: not a readable LeRobot data set ({said}); it needs meta/info.json and data/**/*.parquet") from error
-    return features, frames
+        return features, pd.concat([parquet_table(file) for file in files], ignore_index=True)
 
 
 def _columns(where: str, cells: pd.Series[Any], feature: Any, prefix: str, endings: Sequence[str], rig: Rig, asked: Asked) -> dict[str, Array]:

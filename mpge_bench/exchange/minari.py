@@ -18,6 +18,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.transitions.episodes import Episodes, checked
 from mpge_bench.envs import Task
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import reading, text_of
 from mpge_bench.envs.robots import Robot
 from mpge_bench.exchange.series import Array, Read
 
@@ -167,15 +168,13 @@ def _read(path: Path) -> tuple[Mapping[str, Any], list[Episode]]:
     from minari.dataset.minari_storage import MinariStorage
 
     home = _home(path) or path
-    try:
-        metadata = json.loads((home / _METADATA).read_text("utf-8"))
+    with reading(path, "data set of Minari", "see docs/recordings.md"):
+        metadata = json.loads(text_of(home / _METADATA))
         if not {"observation_space", "action_space"} <= set(metadata):
             # Minari would make the environment that the data set names, and so run its code.
             raise ValueError("its metadata does not say the spaces of observations and actions")
         storage = MinariStorage.read(home)
         return metadata, list(_episodes(storage.get_episodes(range(storage.total_episodes))))
-    except Exception as error:  # Minari and HDF5 raise many kinds
-        raise UserError(f"{path}: not a readable data set of Minari ({one_line(error, named=True)[:160]})") from error
 
 
 def _episodes(found: Any) -> Iterator[Episode]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.reading import reading
 from mpge_bench.exchange.series import Array, Asked, Read, Series, joined, ordered
 
 #: Topics by their usual names.
@@ -81,22 +82,16 @@ def _messages(path: Path, topics: Sequence[str]) -> tuple[Mapping[str, str], Map
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise UserError("bags of ROS 2 need rosbags: pip install 'mpge_bench[ros]'") from error
-    try:
-        with Reader(path) as bag:
-            kinds = {one.topic: one.msgtype for one in bag.connections}
-            _check_topics(path, topics, kinds)
-            # The types as ROS 2 has them, not as the bag says: rosbags would make code of those.
-            store = get_typestore(Stores.ROS2_HUMBLE)
-            found: dict[str, list[Message]] = {topic: [] for topic in topics}
-            for connection, received, raw in bag.messages([one for one in bag.connections if one.topic in topics]):
-                content: Any = store.deserialize_cdr(raw, connection.msgtype)
-                header = getattr(content, "header", None)
-                found[connection.topic].append(Message(received, 0 if header is None else _nanoseconds(header.stamp), content))
-    except UserError:
-        raise
-    except Exception as error:  # rosbags and SQLite raise many kinds for what is no bag, or is cut off
-        said = one_line(error, named=True)[:160]
-        raise UserError(f"{path}: not a readable bag ({said}); if the recording was cut off, `mcap recover` or `ros2 bag reindex` may mend it") from error
+    with reading(path, "bag", "if the recording was cut off, `mcap recover` or `ros2 bag reindex` may mend it"), Reader(path) as bag:
+        kinds = {one.topic: one.msgtype for one in bag.connections}
+        _check_topics(path, topics, kinds)
+        # The types as ROS 2 has them, not as the bag says: rosbags would make code of those.
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        found: dict[str, list[Message]] = {topic: [] for topic in topics}
+        for connection, received, raw in bag.messages([one for one in bag.connections if one.topic in topics]):
+            content: Any = store.deserialize_cdr(raw, connection.msgtype)
+            header = getattr(content, "header", None)
+            found[connection.topic].append(Message(received, 0 if header is None else _nanoseconds(header.stamp), content))
     return kinds, found
 
 
