@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pandas as pd
 import pyarrow.parquet as pq
+
+from mpge_bench.envs.errors import UserError
 
 #: Values of a table beyond which it is none of ours: a Parquet file of some kilobytes may be as large as its maker liked.
 LARGEST = 50_000_000
@@ -16,6 +20,23 @@ def write_text(path: Path, text: str) -> None:
     partial = path.with_name(f".{path.name}.partial")
     partial.write_text(text, "utf-8")
     partial.replace(path)
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Where to write what is to be the file `path` once all of it is there; nothing is left of what was not written to its end.
+
+    Raises:
+        UserError: if it cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror or error}); choose another place with --out") from error
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def parquet_table(path: Path) -> pd.DataFrame:

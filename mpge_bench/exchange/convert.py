@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mpge_bench.diagnosis.data.recording import read_recording, read_table, write_table
+from mpge_bench.diagnosis.data.recording import PARQUET, read_recording, read_table, write_table
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.envs.errors import UserError
 from mpge_bench.exchange import isaac, lerobot, minari, ros
 from mpge_bench.exchange.series import Asked, Read, in_radians
 
 FORMATS = ("csv", "parquet", "minari")
-_TABLES = (".csv", ".parquet", ".pq")
+_TABLES = (".csv", *PARQUET)
 _UNDERSTOOD = "ROS 2 bags (.mcap, .db3, a bag's folder), LeRobot and Minari data sets (folders), PACE's .pt, and CSV and Parquet"
 
 

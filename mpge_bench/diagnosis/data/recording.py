@@ -18,11 +18,11 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DEFAULT, DataSettings
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import reading
-from mpge_bench.files import parquet_table
+from mpge_bench.files import parquet_table, whole
 
 Array = npt.NDArray[np.float64]
 
-_PARQUET = (".parquet", ".pq")
+PARQUET = (".parquet", ".pq")
 #: Numbers of nothing physical, of whose squares and products there may be none.
 _LARGEST = 1e50
 #: What is no recording, but may hold some.
@@ -167,17 +167,11 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
     Raises:
         UserError: if the file cannot be written.
     """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        if path.suffix.lower() in _PARQUET:
+    with whole(path) as partial:
+        if path.suffix.lower() in PARQUET:
             table.to_parquet(partial, index=False)
         else:
             table.to_csv(partial, index=False)
-        partial.replace(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror or error}); choose another place with --out") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _numbers(column: pd.Series[Any]) -> Array:
@@ -199,7 +193,7 @@ def read_table(path: Path) -> pd.DataFrame:
     if path.is_dir() or path.suffix.lower() in _FOREIGN:
         raise UserError(f"{path}: not a CSV or Parquet file; `python -m mpge_bench convert {path} --rig RIG` makes recordings of bags and data sets")
     with reading(path, "CSV or Parquet file", "a recording has columns time, u_<joint>, q_<joint>"):
-        if path.suffix.lower() in _PARQUET:
+        if path.suffix.lower() in PARQUET:
             return parquet_table(path)
         with path.open("rb") as file:
             if b"\0" in file.read(65536):

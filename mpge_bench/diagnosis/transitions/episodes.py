@@ -12,6 +12,7 @@ import numpy.typing as npt
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import reading
 from mpge_bench.envs.robots import Robot
+from mpge_bench.files import whole
 
 Array = npt.NDArray[np.float64]
 #: What an NPZ file of transitions holds.
@@ -122,15 +123,8 @@ def write_transitions(found: Episodes, path: Path) -> None:
     Raises:
         UserError: if the file cannot be written.
     """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, observations=found.observations, actions=found.actions, next_observations=found.next_observations)
-        partial.replace(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror or error}); choose another place with --out") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **{name: getattr(found, name) for name in FIELDS})
 
 
 def read_transitions(path: Path, robot: Robot) -> Episodes:
