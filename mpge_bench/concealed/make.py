@@ -23,8 +23,10 @@ from mpge_bench.form import check
 
 #: Says what a folder of cases is made of.
 MANIFEST = "cases.json"
-#: How often a recording is made with less and less asked of it, until no joint goes round.
+#: How often a recording is made with less and less asked of it, until no joint goes round or trembles.
 TRIES = 12
+#: Share of the velocities' spread by which their means over rows and the way gone miss each other at most (eight rows a turn): rows must follow the motion.
+ROUGHEST = 0.05
 #: Recordings of a case: those that may be read, and those that its answer is tried on; what their commands are.
 KINDS = {"train_00": "sines", "train_01": "steps", "train_02": "closed", "train_03": "noise", "test_00": "sines", "test_01": "closed"}
 
@@ -37,7 +39,7 @@ def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROW
         rows: of each recording, at most.
 
     Raises:
-        RuntimeError: if the simulation is unstable, or a joint goes round however little is asked of it.
+        RuntimeError: if the simulation is unstable, or a joint goes round or trembles however little is asked of it.
     """
     key = key_of(seed, case.name)
     rig, effects, sensors = _system(case, key)
@@ -104,7 +106,7 @@ def _belief(rig: Rig) -> Values:
 
 
 def _recorded(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng: np.random.Generator, size: float) -> tuple[Array, Array]:
-    """Rows of u, q and dq under commands of one kind, as recorded and as they would be without noise; no joint goes round.
+    """Rows of u, q and dq under commands of one kind, as recorded and as they would be without noise; no joint goes round, or trembles faster than rows follow.
 
     Args:
         size: share of the usual motion's.
@@ -115,12 +117,18 @@ def _recorded(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng:
     start, commands.signals = start * size, commands.signals * size
     for _ in range(TRIES):
         rows, clean = Truth(rig, effects).record(commands, start, sensors, rng)
-        if np.abs(clean[:, 1]).max() < 2.8:
+        if np.abs(clean[:, 1]).max() < 2.8 and not _trembles(clean[:, 1], clean[:, 2], sensors.noise[1]):
             return rows, clean
         start, commands.signals = start * 0.8, commands.signals * 0.8
         # What is hidden may make the controller's loop unstable, however little is asked of it.
         commands.kp, commands.kd = commands.kp * 0.64, commands.kd * 0.8
-    raise RuntimeError(f"a joint goes round, however little is asked of it, after {TRIES} tries")
+    raise RuntimeError(f"a joint goes round or trembles, however little is asked of it, after {TRIES} tries")
+
+
+def _trembles(q: Array, dq: Array, noise: float) -> bool:
+    """Whether a joint's motion, shape (rows, joints) each, is too fast for its rows, and that shows beside the `noise` of dq, rad/s."""
+    missed = np.std((dq[1:] + dq[:-1]) / 2 - np.diff(q, axis=0) / PERIOD, axis=0)
+    return bool(((missed > ROUGHEST * np.std(dq, axis=0)) & (missed > noise)).any())
 
 
 def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsoleProgress) -> int:

@@ -25,9 +25,7 @@ class DataSettings:
     degree_ratios: tuple[float, float] = _setting((40.0, 80.0), "1", "degrees change 57 times as fast as radians")
     degree_spread: float = _setting(20.0, "rad", "three turns; less is common in radians")
     degree_likeness: float = _setting(0.9, "correlation", "q and the sum of dq must be the same motion before their ratio says anything")
-    degree_torque: float = _setting(
-        0.5, "share of the available torque", "turned into radians, angles must lack less than commands and gravity give"
-    )
+    degree_torque: float = _setting(0.5, "share of the available torque", "in radians, angles must lack less than commands and gravity give")
     degree_excess: float = _setting(5.0, "times", "angles as they are must lack clearly more torque than angles turned")
     degree_beyond: float = _setting(3.0, "times", "and clearly more than commands and gravity give")
     degree_resolved: float = _setting(
@@ -39,6 +37,8 @@ class DataSettings:
     velocity_gain: float = _setting(0.05, "1", "less is within what differentiating does to fast motion")
     velocity_told: float = _setting(0.7, "share of the disagreement", "gain and lag must tell a good part of it: noise disagrees always")
     velocity_left: float = _setting(0.3, "share of the spread of dq", "and leave little: so does motion too fast for the rows")
+    rough_share: float = _setting(0.8, "share of the velocities' spread", "second differences of a swing of seven rows a turn: fewer do not follow it")
+    rough_times: float = _setting(3.0, "times", "what other recordings have: noise is rough, too, but in all of them alike (within 1.4 of each other)")
     row_period: float = _setting(0.005, "s", "more rows of a slow mechanism cost time and tell nothing new")
     smoothing: float = _setting(0.035, "s", "half the width of the local cubics: shorter than the motion's features, longer than the noise's")
     unseen: float = _setting(0.25, "share", "of the recordings, or of the time of each, that neither fits nor choices look at")

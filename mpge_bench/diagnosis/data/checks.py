@@ -1,4 +1,4 @@
-"""Recordings checked before anything is concluded from them: motion, units, and whether velocities are what the positions say.
+"""Recordings checked before anything is concluded from them: motion, units, whether rows follow the motion, and velocities are what the positions say.
 
 Where velocities are not, it is a matter of filters, clocks or units, not of dynamics.
 """
@@ -31,21 +31,55 @@ class Measurements:
 
     Attributes:
         rig: what the simulator believes.
-        recordings: without velocities that cannot be trusted (NaN in their place).
+        recordings: those whose rows follow the motion, without velocities that cannot be trusted (NaN in their place).
         doubts: by joint, why its velocities were left out.
+        left_out: of each recording that was left out, why; a sentence each.
         settings: of the whole diagnosis.
     """
 
     rig: Rig
     recordings: tuple[Recording, ...]
     doubts: Mapping[str, str]
+    left_out: tuple[str, ...] = ()
     settings: DiagnosisSettings = DEFAULT
 
 
 def measurements(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisSettings = DEFAULT) -> Measurements:
     """What of the `recordings` can be trusted."""
-    kept, doubts = trusted(recordings, rig, settings.data)
-    return Measurements(rig, tuple(kept), doubts, settings)
+    followed, left_out = resolved(recordings, rig, settings.data)
+    kept, doubts = trusted(followed, rig, settings.data)
+    return Measurements(rig, tuple(kept), doubts, tuple(left_out), settings)
+
+
+def resolved(recordings: Sequence[Recording], rig: Rig, settings: DataSettings = DEFAULT.data) -> tuple[list[Recording], list[str]]:
+    """The recordings whose rows follow the motion, and a sentence on each of the others; all of them, if none is any better.
+
+    A loop that trembles from row to row cannot be linearised about, and one such recording spoils what the others tell.
+    Noise is as rough as that, too, but in all recordings alike.
+    """
+    rough, spread = (np.array(one) for one in zip(*(roughness(one.time, one.q) for one in recordings), strict=True))
+    others = np.quantile(rough, 0.5, axis=0, method="lower")
+    trembles = (rough > settings.rough_share * spread) & (rough > settings.rough_times * others)
+    kept = [one for one, which in zip(recordings, trembles, strict=True) if not which.any()]
+    said = []
+    for one, which in zip(recordings, trembles, strict=True):
+        if which.any():
+            joints = ", ".join(joint for joint, is_it in zip(rig.joints, which, strict=True) if is_it)
+            said.append(f"{one.path}: left out: its rows do not follow the motion of {joints}, as the others' do; record more often, or move more slowly.")
+    return kept, said
+
+
+def roughness(time: Array, q: Array) -> tuple[Array, Array]:
+    """Root mean square of the second differences of the velocities between rows, and the spread of these velocities, rad/s or m/s, shape (joints,) each.
+
+    Of a swing the former is (2 sin(pi / rows a turn))² of the latter.
+
+    Args:
+        time: s, shape (rows,).
+        q: shape (rows, joints).
+    """
+    velocity = np.diff(q, axis=0) / np.diff(time)[:, None]
+    return np.sqrt(np.mean(np.diff(velocity, 2, axis=0) ** 2, 0)), np.std(velocity, axis=0)
 
 
 def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DEFAULT.data) -> list[Recording]:

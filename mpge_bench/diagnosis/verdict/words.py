@@ -111,13 +111,13 @@ def chance(test: Tested) -> str:
 
 
 def checks(problem: Problem) -> tuple[str, ...]:
-    """What the look at the data said: sampling, noise, channels left out, joints that were never commanded; one sentence each."""
+    """What the look at the data said: sampling, noise, what was left out, joints that were never commanded; one sentence each."""
     rig, motion, recordings = problem.rig, problem.linear.motion, problem.recordings
     doubts = problem.measurements.doubts
     period = np.concatenate([np.diff(one.time) for one in recordings])
     rate = 1 / float(np.median(period))
     gap = f"; the largest gap is {1000 * period.max():.0f} ms" if period.max() > problem.settings.verdict.gap / rate else " without gaps"
-    found = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all, at {rate:.0f} Hz{gap}."]
+    found = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all, at {rate:.0f} Hz{gap}.", *problem.measurements.left_out]
     steps, noise = resolution(motion), motion.layout.dx(problem.sigma)
     for column, joint in enumerate(rig.joints):
         units = rig.units(joint)
