@@ -12,7 +12,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.choice import chance_of, shown_to_some
-from mpge_bench.diagnosis.data.checks import measurements
+from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import read_rig
@@ -50,7 +50,8 @@ def test_what_a_right_simulator_misses_of_violent_motion_is_no_mismatch(tmp_path
         world.set_state([1.0, 2.0 - 0.5 * number], [0.0, speed])
         q = world.roll(still)[0]
         recordings.append(Recording(tmp_path / f"{number}.csv", time, still, q + 2e-4 * rng.standard_normal(q.shape), np.full_like(q, np.nan)))
-    measured = parted(measurements(rig, recordings)).searched
+    # All five, though rows do not follow the first: as if it were no rougher than the others.
+    measured = parted(Measurements(rig, tuple(recordings), {})).searched
     linear = reference(rig, measured.recordings)
     posed = problem(measured, linear, DEFAULT.predict.horizon)
     found = choice.tested(posed, candidates(rig, scales(linear)))
