@@ -33,22 +33,22 @@ class Measurements:
         rig: what the simulator believes.
         recordings: those whose rows follow the motion, without velocities that cannot be trusted (NaN in their place).
         doubts: by joint, why its velocities were left out.
-        left_out: of each recording that was left out, why; a sentence each.
         settings: of the whole diagnosis.
+        left_out: of each recording that was left out, why; a sentence each.
     """
 
     rig: Rig
     recordings: tuple[Recording, ...]
     doubts: Mapping[str, str]
-    left_out: tuple[str, ...] = ()
     settings: DiagnosisSettings = DEFAULT
+    left_out: tuple[str, ...] = ()
 
 
 def measurements(rig: Rig, recordings: Sequence[Recording], settings: DiagnosisSettings = DEFAULT) -> Measurements:
     """What of the `recordings` can be trusted."""
     followed, left_out = resolved(recordings, rig, settings.data)
     kept, doubts = trusted(followed, rig, settings.data)
-    return Measurements(rig, tuple(kept), doubts, tuple(left_out), settings)
+    return Measurements(rig, tuple(kept), doubts, settings, tuple(left_out))
 
 
 def resolved(recordings: Sequence[Recording], rig: Rig, settings: DataSettings = DEFAULT.data) -> tuple[list[Recording], list[str]]:
@@ -60,11 +60,12 @@ def resolved(recordings: Sequence[Recording], rig: Rig, settings: DataSettings =
     rough, spread = (np.array(one) for one in zip(*(roughness(one.time, one.q) for one in recordings), strict=True))
     others = np.quantile(rough, 0.5, axis=0, method="lower")
     trembles = (rough > settings.rough_share * spread) & (rough > settings.rough_times * others)
-    kept = [one for one, which in zip(recordings, trembles, strict=True) if not which.any()]
-    said = []
+    kept, said = [], []
     for one, which in zip(recordings, trembles, strict=True):
-        if which.any():
-            joints = ", ".join(joint for joint, is_it in zip(rig.joints, which, strict=True) if is_it)
+        joints = ", ".join(joint for joint, is_it in zip(rig.joints, which, strict=True) if is_it)
+        if not joints:
+            kept.append(one)
+        else:
             said.append(f"{one.path}: left out: its rows do not follow the motion of {joints}, as the others' do; record more often, or move more slowly.")
     return kept, said
 

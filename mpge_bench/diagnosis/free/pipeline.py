@@ -42,7 +42,7 @@ def diagnose_free(
     Raises:
         UserError: if recordings cannot be cut into windows, or the nominal simulation fails.
     """
-    parts = parted(Measurements(rig, tuple(recordings), {}, settings=settings))
+    parts = parted(Measurements(rig, tuple(recordings), {}, settings))
     simulator = simulator_of(rig, recordings, settings)
     noise = noise_of(parts.searched.recordings, rig.layout, dict(rig.noise), settings.free)
     found = []

@@ -15,9 +15,8 @@ import yaml
 from mpge_bench import concealed
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
 from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, places, visible
-from mpge_bench.concealed.make import _recorded
-from mpge_bench.concealed.mechanism import Case, Rig, absolute
-from mpge_bench.concealed.recorded import Sensors
+from mpge_bench.concealed.make import _recorded, _system
+from mpge_bench.concealed.mechanism import Array, Case, Rig
 from mpge_bench.concealed.score import Truth, cases_of, score
 from mpge_bench.concealed.summary import lines
 from mpge_bench.envs.effects import CATALOGUE
@@ -101,27 +100,23 @@ def test_a_cart_has_no_side_to_put_a_load_on() -> None:
     assert places("coupling_spring", OUTSIDE["coupling_spring"], rig) == ["hinge"]
 
 
+def closed_loop(seed: int, index: int) -> tuple[Array, Array]:
+    """q and dq of a case's recording under a controller, as they would be without noise, shape (rows, joints) each."""
+    case = drawn(seed, index)
+    key = key_of(seed, case.name)
+    clean = _recorded(*_system(case, key), "closed", np.random.default_rng([*key, 2]), 1.0)[1]
+    return clean[:, 1], clean[:, 2]
+
+
 def test_no_joint_goes_round_though_what_is_hidden_makes_the_loop_unstable() -> None:
     """A seven-joint arm whipped round at 250 rad/s: its controller's gains stayed as they were, and only what was asked of it became less."""
-    case = drawn(2027, 28)
-    key = key_of(2027, case.name)
-    rng = np.random.default_rng(key)
-    rig = Rig(case, rng)
-    effects = absolute(case, rig, rng)
-    clean = _recorded(rig, effects, Sensors(case, effects, rig.joints), "closed", np.random.default_rng([*key, 2]), 1.0)[1]
-    assert np.abs(clean[:, 1]).max() < 2.8
+    assert np.abs(closed_loop(2027, 28)[0]).max() < 2.8
 
 
 @pytest.mark.parametrize(("seed", "index"), [(2029, 35), (2029, 42), (2027, 58)])
 def test_rows_follow_every_motion(seed: int, index: int) -> None:
     """Arms of five to seven joints whose controller trembled from row to row, at up to 60 rad/s, which no rows of 10 ms tell."""
-    case = drawn(seed, index)
-    key = key_of(seed, case.name)
-    rng = np.random.default_rng(key)
-    rig = Rig(case, rng)
-    effects = absolute(case, rig, rng)
-    clean = _recorded(rig, effects, Sensors(case, effects, rig.joints), "closed", np.random.default_rng([*key, 2]), 1.0)[1]
-    q, dq = clean[:, 1], clean[:, 2]
+    q, dq = closed_loop(seed, index)
     means, gone = (dq[1:] + dq[:-1]) / 2, np.diff(q, axis=0) / 0.01
     assert (np.std(means - gone, axis=0) < 0.05 * np.std(dq, axis=0) + 0.02).all()
 
