@@ -67,7 +67,7 @@ def resolved(recordings: Sequence[Recording], rig: Rig, settings: DataSettings =
             kept.append(one)
         else:
             said.append(f"{one.path}: left out: its rows do not follow the motion of {joints}, as the others' do; record more often, or move more slowly.")
-    return kept, said
+    return (kept, said) if kept else (list(recordings), [])
 
 
 def roughness(time: Array, q: Array) -> tuple[Array, Array]:

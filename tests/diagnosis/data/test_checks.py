@@ -105,3 +105,14 @@ def test_roughness_of_a_swing(rows: float) -> None:
     time = np.arange(4000) * 0.01
     rough, spread = roughness(time, np.sin(2 * np.pi * np.arange(4000.0) / rows)[:, None])
     assert float(rough[0] / spread[0]) == pytest.approx((2 * np.sin(np.pi / rows)) ** 2, rel=0.01)
+
+
+def test_where_every_recording_trembles_at_a_joint_of_its_own_all_stay(rig: Rig) -> None:
+    """None was left, and the diagnosis had nothing to go by."""
+    first, second = (noisy(record(rig, seconds=4.0, seed=seed)) for seed in range(2))
+    turned = replace(second, q=second.q[:, ::-1], dq=second.dq[:, ::-1])
+    shaken = trembling(turned, 3.3)
+    second = replace(shaken, q=shaken.q[:, ::-1], dq=shaken.dq[:, ::-1])
+    found = measurements(rig, [trembling(first, 3.3), second])
+    assert len(found.recordings) == 2
+    assert not found.left_out
