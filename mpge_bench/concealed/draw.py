@@ -114,11 +114,11 @@ def key_of(seed: int, name: str) -> list[int]:
     return [seed, zlib.crc32(name.encode())]
 
 
-def drawn(seed: int, index: int) -> Case:
-    """Case number `index` of `seed`, its values in SI units."""
+def drawn(seed: int, index: int, turn: int = 0) -> Case:
+    """Case number `index` of `seed`, its values in SI units; another one for each `turn`."""
     name = f"c{index:04d}"
     # Another stream than the recordings'.
-    rng = np.random.default_rng([*key_of(seed, name), 1])
+    rng = np.random.default_rng([*key_of(seed, name), 1, *([turn] if turn else [])])
     wanted = _one_of(SHARES, rng)
     mechanism = _one_of(_MECHANISMS, rng)
     options = [one for one in (_one_of(_SENSORS, rng), "told" if rng.random() < 0.5 else "", "closed" if rng.random() < 0.2 else "") if one]

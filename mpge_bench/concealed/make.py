@@ -25,6 +25,8 @@ from mpge_bench.form import check
 MANIFEST = "cases.json"
 #: How often a recording is made with less and less asked of it, until no joint goes round or trembles.
 TRIES = 12
+#: Draws of a case until one can be recorded: few cannot (a pair of servos trembled, however little was asked of it).
+DRAWS = 5
 #: Share of the velocities' spread by which their means over rows and the way gone miss each other at most (eight rows a turn): rows must follow the motion.
 ROUGHEST = 0.05
 #: Recordings of a case: those that may be read, and those that its answer is tried on; what their commands are.
@@ -160,4 +162,11 @@ def _seed_in(manifest: Path) -> int:
 def _made(out: Path, seed: int, index: int) -> None:
     # Of commands that turned out too large; `record` looks for itself.
     mujoco.set_mju_user_warning(lambda text: None)
-    make(drawn(seed, index), out, seed)
+    for turn in range(DRAWS):
+        case = drawn(seed, index, turn)
+        try:
+            make(case, out, seed)
+            return
+        except RuntimeError as error:
+            why = error
+    raise UserError(f"{case.name} of seed {seed}: none of {DRAWS} draws can be recorded ({why}); take another --seed")

@@ -15,7 +15,7 @@ import yaml
 from mpge_bench import concealed
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
 from mpge_bench.concealed.draw import KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, places, visible
-from mpge_bench.concealed.make import _recorded, _system
+from mpge_bench.concealed.make import _made, _recorded, _system
 from mpge_bench.concealed.mechanism import Array, Case, Rig
 from mpge_bench.concealed.score import Truth, cases_of, score
 from mpge_bench.concealed.summary import lines
@@ -119,6 +119,28 @@ def test_rows_follow_every_motion(seed: int, index: int) -> None:
     q, dq = closed_loop(seed, index)
     means, gone = (dq[1:] + dq[:-1]) / 2, np.diff(q, axis=0) / 0.01
     assert (np.std(means - gone, axis=0) < 0.05 * np.std(dq, axis=0) + 0.02).all()
+
+
+def test_a_case_that_cannot_be_recorded_is_drawn_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of seed 2030's cases one trembled however little was asked of it, and all that were to come after it were not made, with a traceback."""
+    drawn_ones: list[Case] = []
+
+    def unsteady(case: Case, out: Path, seed: int) -> None:
+        drawn_ones.append(case)
+        if len(drawn_ones) == 1:
+            raise RuntimeError("trembles")
+        (out / "kept" / case.name).mkdir(parents=True)
+        (out / "kept" / case.name / "label.yaml").write_text("effects: []")
+
+    monkeypatch.setattr("mpge_bench.concealed.make.make", unsteady)
+    _made(tmp_path, SEED, 0)
+    first, second = drawn_ones
+    assert first == drawn(SEED, 0)
+    assert second == drawn(SEED, 0, 1) != first
+    monkeypatch.setattr("mpge_bench.concealed.make.DRAWS", 1)
+    drawn_ones.clear()
+    with pytest.raises(UserError, match=r"c0001 of seed .*; take another --seed"):
+        _made(tmp_path, SEED, 1)
 
 
 def test_make_writes_cases_once_and_keeps_answers_apart(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
