@@ -87,7 +87,7 @@ class Choice:
         test: of there being no mismatch.
         twins: the answer with other effects in the place of its own, the nearest first.
         cut: stages that the time budget cut short.
-        by_all: whether the answer is so far from the noise that all recordings chose it, those that it was fitted to, too.
+        is_far: whether the answer is so far from the noise that models are judged as they are exported, by all recordings, those that they are fitted to, too.
     """
 
     problem: Problem
@@ -99,7 +99,7 @@ class Choice:
     test: Screening
     twins: tuple[Twin, ...]
     cut: tuple[str, ...]
-    by_all: bool
+    is_far: bool
 
 
 def choose(
@@ -119,5 +119,5 @@ def choose(
         named = with_curves(trials, with_formulas(trials, simplest(trials)))
         chosen = trials.as_exported(trials.settled(plainest(trials, named)))
     models, alike = tuple(trials.models), twins(trials, chosen)
-    by_all = bool(chosen.effects) and trials.are_far([chosen])
-    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), by_all)
+    is_far = trials.are_far([chosen])
+    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)

@@ -23,18 +23,28 @@ Array = npt.NDArray[np.float64]
 ExportedError = Callable[[tuple[Effect, ...]], float]
 
 
-def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
-    """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable."""
+def exported_misses(problem: Problem, recordings: Sequence[Recording]) -> Callable[[Sequence[Effect]], list[Array] | None]:
+    """What positions a model misses of each of `recordings`, shape (rows that are judged, joints); None where the simulation is unstable."""
     judged = [with_a_past(one, problem.horizon, problem.settings.predict) for one in recordings]
     restarted = [RestartedRecording(problem.rig, one, problem.horizon, problem.settings) for one in recordings]
 
+    def misses(effects: Sequence[Effect]) -> list[Array] | None:
+        try:
+            return [one.error(effects)[rows] for one, rows in zip(restarted, judged, strict=True)]
+        except UserError:
+            return None
+
+    return misses
+
+
+def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
+    """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable."""
+    misses = exported_misses(problem, recordings)
+
     @functools.cache
     def error(effects: tuple[Effect, ...]) -> float:
-        try:
-            predictions = [one.error(effects)[rows] for one, rows in zip(restarted, judged, strict=True)]
-        except UserError:
-            return math.inf
-        return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in predictions])))
+        found = misses(effects)
+        return math.inf if found is None else float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in found])))
 
     return error
 

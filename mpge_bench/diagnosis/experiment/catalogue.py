@@ -16,7 +16,6 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
 #: Of sensors whose noise the rig does not state, rad (m) and rad/s (m/s): usual encoders.
@@ -76,12 +75,9 @@ def _seen(rig: Rig, recording: Recording) -> Seen:
             continue
         changed = fitter.clear(fitter.columns(one))
         best = int(np.argmax((changed**2).sum((1, 2))))
-        start = one.starts[best]
         columns.append(changed[best].ravel())
-        away = np.abs(parameters_of(start) - rig.absent((start,)))
-        # Of a start that leaves the first parameter where it is, the others say how large it is.
-        sizes.append(float(away[0] or np.linalg.norm(away)))
-        effects.append(start)
+        sizes.append(one.amount(rig, one.starts[best]))
+        effects.append(one.starts[best])
     matrix = np.array(columns)
     return Seen(recording.u, matrix @ matrix.T, np.array(sizes), tuple(effects))
 

@@ -45,6 +45,18 @@ class Candidate:
         name, parameter = next(iter(self.kind.parameters.items()))
         return name if math.isfinite(parameter.neutral) and parameter.size == 1 else ""
 
+    def amount(self, rig: Rig, start: Effect) -> float:
+        """How much of it one of its starts has beyond what `rig` has itself: of its first parameter or, where that is as it was, of the others."""
+        away = np.abs(parameters_of(start) - rig.absent((start,)))
+        return float(away[0] or np.linalg.norm(away))
+
+    def part(self, rig: Rig, start: Effect, share: float) -> Effect:
+        """One of its starts with `share` of its `amount`."""
+        absent, values = rig.absent((start,)), np.array(parameters_of(start))
+        moved = [0] if values[0] != absent[0] else slice(None)
+        values[moved] = absent[moved] + share * (values[moved] - absent[moved])
+        return with_parameters(start, values.tolist())
+
     def contains(self, effect: Effect) -> bool:
         """Whether it is a richer form of `effect`, which can do all that that does."""
         return effect.name in self.kind.contains and self.target == effect.target

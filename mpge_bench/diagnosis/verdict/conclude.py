@@ -105,12 +105,13 @@ def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> st
 def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
     problem = choice.problem
     fitted, chosen_by = _split(problem)
+    chosen_by_all = choice.is_far and bool(choice.chosen.effects)
     cut = "" if parts.whole else f"the last {100 * problem.settings.data.unseen:.0f}% of "
     return {
         "horizon": f"{problem.horizon:g} s",
         "held out": cut + ", ".join(one.path.name for one in parts.unseen),
         "fitted to": fitted,
-        "chosen by": f"all that it was fitted to and {chosen_by}" if choice.by_all else chosen_by,
+        "chosen by": f"all that it was fitted to and {chosen_by}" if chosen_by_all else chosen_by,
         "time taken": time_taken(clock.begun, choice.cut),
         "models fitted": str(len(choice.models)),
     }

@@ -1,51 +1,66 @@
-"""Smallest sizes of effects that these recordings would have shown, to first order."""
+"""Smallest sizes of effects that the search would have taken in, had they been there beside the answer, to first order."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.exported import exported_misses
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.verdict.result import Detectable
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import rebuild, sizes_of, values_of
 
 Array = npt.NDArray[np.float64]
+#: Candidate -> of each of its starts, the share that would just be taken in, or infinity.
+Shares = Callable[[Candidate], list[float]]
 
 
 def detectable(choice: Choice) -> tuple[Detectable, ...]:
-    """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer: significant among all candidates, and material.
+    """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer, by the rule that models are chosen by.
 
     What the answer's own parameters could make up for is not seen.
     """
+    rig, found = choice.problem.rig, []
+    shares = _exported(choice) if choice.is_far else _in_windows(choice)
+    for candidate in choice.candidates:
+        name = candidate.measure
+        if not name or candidate.label in choice.chosen.key:
+            continue
+        parameter = candidate.kind.parameters[name]
+        room = parameter.high - float(rig.absent(candidate.starts[:1])[0])
+        sizes = [candidate.amount(rig, start) * share for start, share in zip(candidate.starts, shares(candidate), strict=True)]
+        sizes = [size for size in sizes if size <= room]
+        if sizes:
+            unit = parameter.unit_of(slide=rig.is_slide(candidate.target))
+            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), unit))
+    return tuple(found)
+
+
+def _in_windows(choice: Choice) -> Shares:
+    """Near the noise: significant among all candidates, and material."""
     settings, chosen = choice.problem.settings.choose, choice.chosen
     fitter = choice.problem.fitter(chosen.effects) if chosen.effects else choice.fitter
     basis = spanned(unit_length(chosen.fit.jacobian.reshape(chosen.fit.size, chosen.fit.residuals.size)))
     scale = float(np.mean(chosen.fit.residuals**2))
     beyond = choice.problem.settings.verdict.surely
     significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
-    needed = max(significant, settings.material * float(fitter.count.sum())) * max(scale, 1e-9)
-    found = []
-    for candidate in choice.candidates:
-        name = candidate.measure
-        if not name or candidate.label in chosen.key:
-            continue
-        parameter = candidate.kind.parameters[name]
-        absent = float(choice.problem.rig.absent(candidate.starts[:1])[0])
+    material = settings.material if chosen.overall < settings.coarse else settings.coarse_material
+    needed = max(significant, material * float(fitter.count.sum())) * max(scale, 1e-9)
+
+    def shares(candidate: Candidate) -> list[float]:
         columns = fitter.columns(candidate, chosen.effects)
         beside = without(columns.reshape(len(columns), -1), basis).reshape(columns.shape)
-        shares = [_share(fitter, column, chosen.effects, needed) for column in beside]
-        sizes = [abs(float(getattr(start, name)) - absent) * share for start, share in zip(candidate.starts, shares, strict=True)]
-        sizes = [size for size in sizes if size <= parameter.high - absent]
-        slide = choice.problem.rig.is_slide(candidate.target)
-        if sizes:
-            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))
-    return tuple(found)
+        return [_share(fitter, column, chosen.effects, needed) for column in beside]
+
+    return shares
 
 
 def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], needed: float) -> float:
@@ -64,3 +79,41 @@ def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], neede
         middle = math.sqrt(low * high)
         low, high = (low, middle) if enough(middle) else (middle, high)
     return high
+
+
+def _exported(choice: Choice) -> Shares:
+    """Far from the noise: so much that all recordings are predicted by `coarse_material` better with the effect than without, from recorded states.
+
+    Whichever sign it has: what is missed anyway may look like it, or like its opposite.
+    """
+    problem, effects = choice.problem, choice.chosen.effects
+    misses, settings = exported_misses(problem, problem.recordings), problem.settings
+
+    def missed(effects: Sequence[Effect]) -> Array | None:
+        found = misses(effects)
+        # As errors are averaged: every recording, and every joint, alike.
+        return None if found is None else np.concatenate([(one / math.sqrt(len(one))).ravel() for one in found])
+
+    at = missed(effects)
+    if at is None:
+        return lambda candidate: [math.inf] * len(candidate.starts)
+    values, steps = values_of(effects), settings.replay.difference * sizes_of(effects)
+    moved = [missed(rebuild(effects, values + step)) for step in np.diag(steps)]
+    own = np.reshape([one - at for one in moved if one is not None], (-1, len(at)))
+    basis, worse = spanned(unit_length(own)), 1 / (1 - settings.choose.coarse_material) - 1
+
+    def share(candidate: Candidate, start: Effect, first: float) -> float:
+        added = missed(problem.rig.joined(effects, candidate.part(problem.rig, start, first)))
+        column = np.zeros_like(at) if added is None else without(added - at, basis)
+        power, along = float(column @ column), abs(float(column @ at))
+        return first * (along + math.sqrt(along**2 + worse * float(at @ at) * power)) / power if power > 0 else math.inf
+
+    def shares(candidate: Candidate) -> list[float]:
+        found = [share(candidate, start, 1.0) for start in candidate.starts]
+        amounts = [candidate.amount(problem.rig, start) * one for start, one in zip(candidate.starts, found, strict=True)]
+        best = int(np.argmin(amounts))
+        # A second look about what the first one says: what a late or a blocked motor changes is not in proportion.
+        again = share(candidate, candidate.starts[best], found[best]) if math.isfinite(found[best]) else math.inf
+        return [again if index == best else math.inf for index in range(len(found))]
+
+    return shares
