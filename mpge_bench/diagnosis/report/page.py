@@ -27,7 +27,7 @@ from mpge_bench.webpage import STYLE, render
 ROWS, JOINTS, TRAJECTORIES, SHOWN = 12, 12, 12, 3
 
 _VERDICTS = {
-    "no_mismatch": ("No mismatch found", "The recordings look like the simulator, within the noise."),
+    "no_mismatch": ("No mismatch found", "What the simulator misses of these recordings is about the noise."),
     "too_little_data": ("Too little data", "These recordings are too short to tell a mismatch from chance."),
     "explained": ("Mismatch explained", "The effects below account for what the simulator got wrong."),
     "partly_explained": ("Mismatch partly explained", "The effects below account for a part of it; something remains."),

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import noise_floors
+from mpge_bench.diagnosis.choose.exported import exported_misses, noise_floors
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import predicted, with_a_past
@@ -56,6 +58,15 @@ def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Record
         name: float(np.sqrt(np.mean([getattr(channels[f"q_{joint}"], name) ** 2 for joint in rig.joints]))) for name in ("before", "after", "noise_floor")
     }
     return Accuracy(problem.horizon, Errors(**together, unit=unit_of(problem)), channels), tuple(trajectories)
+
+
+def stepped(problem: Problem, recordings: Sequence[Recording]) -> float:
+    """Root mean square by which half the physics step changes the uncorrected simulator's predictions of positions; infinite where they are unstable."""
+    halved = replace(problem, measurements=replace(problem.measurements, rig=replace(problem.rig, timestep=problem.rig.timestep / 2)))
+    found = [exported_misses(one, recordings)(()) for one in (problem, halved)]
+    if found[0] is None or found[1] is None:
+        return math.inf
+    return float(np.sqrt(np.mean([np.mean((coarse - fine) ** 2, axis=0) for coarse, fine in zip(*found, strict=True)])))
 
 
 def _trajectories(problem: Problem, recording: Recording, before: Recording, after: Recording) -> list[Trajectory]:

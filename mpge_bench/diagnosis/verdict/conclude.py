@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 
@@ -12,16 +13,16 @@ from mpge_bench.diagnosis.data.parts import Parts
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.hypotheses.candidates import label
 from mpge_bench.diagnosis.predict.smooth import rebase
-from mpge_bench.diagnosis.verdict.accuracy import accuracy
+from mpge_bench.diagnosis.verdict.accuracy import accuracy, stepped
 from mpge_bench.diagnosis.verdict.confusions import confusions, rivals
 from mpge_bench.diagnosis.verdict.constancy import changes
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.diagnosis.verdict.enough import more_data
 from mpge_bench.diagnosis.verdict.evidence import Evidence
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
-from mpge_bench.diagnosis.verdict.result import DiagnosisResult
+from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
-from mpge_bench.diagnosis.verdict.words import chance, changing_lines, checks, summary, time_taken
+from mpge_bench.diagnosis.verdict.words import chance, changing_lines, checks, quiet_lines, summary, time_taken
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
 
@@ -44,7 +45,8 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     where = places(problem.rig, joints, chosen.effects, settings.verdict)
     named, lost = intervals(chosen), untold(chosen)
     curves = [effect for effect in chosen.effects if isinstance(effect, UnknownTorque)]
-    lines = summary(problem.rig, verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut)
+    quiet = _quiet(choice, fit, parts) if verdict == "no_mismatch" else ()
+    lines = summary(problem.rig, verdict, chance(choice.test), named, curves, fit, others, where, settings.verdict, more, lost, choice.cut, quiet)
     result = DiagnosisResult(
         verdict,
         choice.test.p_value,
@@ -66,6 +68,15 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         changes=changing,
     )
     return result, chosen.effects
+
+
+def _quiet(choice: Choice, fit: Accuracy, parts: Parts) -> tuple[str, ...]:
+    """What is said of no mismatch where the test is no chance, or the held-out recordings are missed by more than the noise; nothing where all is noise."""
+    held, settings = fit.held_out, choice.problem.settings
+    is_chance = choice.test.p_value >= settings.choose.significance
+    if is_chance and (held.before or 0.0) < settings.verdict.at_noise * (held.noise_floor or math.inf):
+        return ()
+    return quiet_lines(chance(choice.test), is_chance, fit, stepped(choice.problem, parts.unseen), settings.verdict)
 
 
 def proven(choice: Choice, error: ExportedError) -> tuple[Choice, tuple[str, ...]]:

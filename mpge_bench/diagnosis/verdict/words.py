@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from typing import Protocol
@@ -35,8 +36,13 @@ def summary(
     more: MoreData | None,
     lost: Sequence[Sequence[str]],
     cut: Sequence[str],
+    quiet: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """What was found, how much it helps, and what it was held against."""
+    """What was found, how much it helps, and what it was held against.
+
+    Args:
+        quiet: what is said where there is no mismatch, if not all that is missed is the sensors' noise.
+    """
     held, horizon = fit.held_out, f"{fit.horizon:g} s"
     assert held.before is not None
     assert held.after is not None
@@ -48,8 +54,7 @@ def summary(
         lines.append(f"It takes about {more.needed} windows: record about {more.seconds:.0f} s more, in recordings as they are or longer ones.")
         lines.append(error)
     elif verdict == "no_mismatch":
-        lines.append(f"No mismatch: the simulator predicts these recordings to within the sensors' noise ({p}).")
-        lines.append(error)
+        lines += quiet or (f"No mismatch: the simulator predicts these recordings to within the sensors' noise ({p}).", error)
     else:
         lines += [_said(rig, effect, bounds) for effect, bounds in named]
         lines += [curve.say({}, slide=rig.is_slide(curve.target)) for curve in curves]
@@ -74,6 +79,30 @@ def summary(
     if cut:
         lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
     return tuple(lines)
+
+
+def quiet_lines(p: str, is_chance: bool, fit: Accuracy, step: float, settings: VerdictSettings) -> tuple[str, ...]:
+    """What is said where nothing is named and nothing stands out, though not all that is missed is the sensors' noise.
+
+    Args:
+        is_chance: whether the test took it for chance.
+        step: how much half the physics step changes the held-out prediction.
+    """
+    held, horizon = fit.held_out, f"{fit.horizon:g} s"
+    assert held.before is not None
+    assert held.noise_floor is not None
+    missed = f"what the simulator misses within {horizon}, from the best starting states,"
+    first = (
+        f"No mismatch: {missed} cannot be told from the sensors' noise ({p})."
+        if is_chance
+        else f"No mismatch that anything known here mends: {missed} is about as small as the sensors' noise, but not by chance alone ({p})."
+    )
+    beside = f"the noise alone makes {held.noise_floor:.3g}, the physics step {step:.2g}"
+    lines = (first, f"From recorded states the held-out error is {held.before:.3g} {held.unit}; {beside}.")
+    if held.before < settings.at_noise * math.hypot(held.noise_floor, step):
+        return lines
+    alone = "something acts there alone (give that recording first to have it searched)"
+    return (*lines, f"That is more than both: recorded states are not as exact as they seem, or {alone}.")
 
 
 def _said(rig: Rig, effect: Effect, bounds: Intervals) -> str:

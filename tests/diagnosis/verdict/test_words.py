@@ -1,0 +1,40 @@
+"""What is said of a verdict is no more than was seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mpge_bench.diagnosis.pipeline import diagnose_files
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.verdict.result import Accuracy, Errors
+from mpge_bench.diagnosis.verdict.words import quiet_lines
+from mpge_bench.envs.effects import TorqueLimit
+
+from ..conftest import write_case
+
+
+@pytest.mark.parametrize(
+    ("before", "step", "is_chance", "says"),
+    [
+        (0.012, 0.001, False, ["mends", "p < 0.001", "0.012 rad", "0.01"]),
+        (0.03, 0.03, True, ["cannot be told from", "0.03 rad", "physics step 0.03"]),
+        (0.6, 0.02, True, ["cannot be told from", "0.6 rad", "more than both"]),
+    ],
+)
+def test_what_is_missed_beside_the_noise_is_not_called_the_noise_s(before: float, step: float, is_chance: bool, says: list[str]) -> None:
+    """Of a held-out error sixty times the noise, with p < .001, it was said that the simulator predicts to within the noise."""
+    fit = Accuracy(0.5, Errors(before, before, 0.01, "rad"), {})
+    lines = quiet_lines("p < 0.001" if not is_chance else "p = 0.4", is_chance, fit, step, DEFAULT.verdict)
+    assert len(lines) == (3 if "more than both" in says else 2)
+    said = " ".join(lines)
+    assert all(words in said for words in says)
+    assert "to within the sensors' noise" not in said
+
+
+def test_what_only_the_held_out_recording_shows_is_said(tmp_path: Path) -> None:
+    rig = write_case(tmp_path, [TorqueLimit("hinge", 2.0)], loud=(0.5, 0.5, 0.5, 4.0))
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    assert found.data["verdict"] == "no_mismatch"
+    assert "give that recording first" in found.summary[2]
