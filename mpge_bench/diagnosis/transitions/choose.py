@@ -186,7 +186,7 @@ class Search(Trials):
         settings = self.settings
         replay = self.drafted(model)
         few = model_of(replay, model.hypotheses, model.values, self.few, settings)
-        drafts = self.drafts(replay, model)
+        drafts = [one for one in self.drafts(replay, model) if one.is_plausible]
         _log.debug("drafts %s", [([other.label for other in one.hypotheses], one.values, round(one.description, 3)) for one in drafts])
         # Few transitions say little of chance: that is for the end.
         if not drafts or drafts[0].description > few.description - settings.material:
@@ -196,6 +196,7 @@ class Search(Trials):
         ends: list[Model] = self.each(_fitted, (self.replay, self.rows, settings, settings.iterations_polish), kept)  # type: ignore[assignment]
         for one in ends:
             self.add(one)
+        ends = [one for one in ends if one.is_plausible]
         if not ends:
             return None
         best = min(ends, key=lambda one: one.description)

@@ -78,6 +78,11 @@ class Model:
         """Number of parameters."""
         return sum(one.size for one in self.hypotheses)
 
+    @property
+    def is_plausible(self) -> bool:
+        """Whether all parameters are of a size that means something: a fit may end at a load of 20 g at 3 m, which stands in for what has no name."""
+        return all(one.is_plausible(own) for one, own in zip(self.hypotheses, self.values, strict=True))
+
     @cached_property
     def missed(self) -> float:
         """Median size of the residuals."""

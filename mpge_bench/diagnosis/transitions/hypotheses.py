@@ -27,11 +27,13 @@ class Hypothesis:
         targets: in the robot's order.
         starts: of one target, from which its parameters are sought.
         absent: numbers of its parameters at which it changes nothing, if there are such.
+        scale: how large things are where it acts; None where sizes that mean nothing are not told.
     """
 
     targets: tuple[str, ...]
     starts: tuple[Effect, ...]
     absent: tuple[float, ...] | None
+    scale: Scale | None = None
 
     @property
     def kind(self) -> type[Effect]:
@@ -72,6 +74,12 @@ class Hypothesis:
         """One effect a target, with these parameters."""
         one = with_parameters(self.starts[0], [float(value) for value in values])
         return [replace(one, target=target) for target in self.targets]
+
+
+    def is_plausible(self, values: Sequence[float]) -> bool:
+        """Whether parameters are of a size that means something, on each target."""
+        scale = self.scale
+        return scale is None or all(effect.is_plausible(scale) for effect in self.effects(values))
 
 
 @dataclass(frozen=True)
@@ -119,7 +127,7 @@ def listed(kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequenc
             starts = tuple(dict.fromkeys(within_bounds(kind, targets[0], start) for start in kind.starts(scale)))
             if starts:
                 absent = kind.absent(scale)
-                found.append(Hypothesis(targets, starts, None if absent is None else tuple(absent)))
+                found.append(Hypothesis(targets, starts, None if absent is None else tuple(absent), scale))
     return found
 
 

@@ -76,11 +76,12 @@ class Trials:
         return likeness(self.replay, missed, self.own, self.noise, settings)[0] < settings.leftover
 
     def is_better(self, richer: Model | None, model: Model) -> bool:
-        return richer is not None and richer.description < model.description - max(self.settings.material, self.chance(richer, model))
+        """Whether `richer` describes better, with parameters that mean something."""
+        return richer is not None and richer.is_plausible and richer.description < model.description - max(self.settings.material, self.chance(richer, model))
 
     def is_equal(self, one: Model, other: Model) -> bool:
-        """Whether `one` describes as well as `other`."""
-        return one.description < other.description + max(self.settings.equal, self.chance(one, other))
+        """Whether `one` describes as well as `other`, with parameters that mean something."""
+        return one.is_plausible and one.description < other.description + max(self.settings.equal, self.chance(one, other))
 
     def chance(self, one: Model, other: Model) -> float:
         """By how much noise alone may make one of them the better."""

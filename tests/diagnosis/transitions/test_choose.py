@@ -147,6 +147,15 @@ def test_a_parameter_that_changes_nothing_is_left_where_it_is_absent() -> None:
     assert effect.y == 0.0
 
 
+def test_a_load_that_is_far_beyond_its_link_is_not_named() -> None:
+    """Of MuJoCo's hopper it was said that every link carries 20 g at 3 m: it stood in for contacts that no effect is like."""
+    task = get_task("heavy_hopper")
+    far = dataclasses.replace(task, effects=(AttachedMass("torso", 0.02, 3.0, 0.0, 0.5),))
+    found = searched(far, {"attached_mass"}, "torso", 150).answer().chosen
+    assert found.is_plausible
+    assert all(abs(one.x) < 2.0 for one in found.effects)  # type: ignore[attr-defined]
+
+
 def test_delays_are_sought_within_what_is_known_of_a_stretch() -> None:
     task, settings = get_task("delayed_cheetah"), DEFAULT.replay
     found = hypotheses(task.robot, drawn(task, 300, 0.0, 1)[0], settings)
