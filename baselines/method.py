@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # what a method is can be asked without torch
     from mpge_bench.baselines.problem import Problem
     from mpge_bench.baselines.progress import Progress
     from mpge_bench.baselines.vector import Transformation
+    from mpge_bench.envs.effects import Effect
 
 
 @dataclass
@@ -36,6 +37,7 @@ class Result:
         episodes: target samples drawn so far and return of each episode played to its end while learning in the target, in order.
         report: figures of the method's own, plain data for result.json; ``verdict`` in it is a sentence that is shown to the user.
         residuals: of a grounding, one row a target transition: what no action of the source can do (`Inversion` says what the columns are).
+        physics: effects that it put into the source, upon which `grounding` then acts; the harness measures the source so changed.
     """
 
     policy: Mapping[str, torch.Tensor] | Policy
@@ -47,6 +49,7 @@ class Result:
     episodes: Sequence[tuple[int, float]] = ()
     report: dict[str, Any] = field(default_factory=dict)
     residuals: pd.DataFrame | None = None
+    physics: Sequence[Effect] = ()
 
 
 def swept(name: str, own: float, further: Sequence[float], train: Callable[[float], tuple[Mapping[str, torch.Tensor], int]]) -> Result:

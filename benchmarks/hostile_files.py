@@ -190,10 +190,11 @@ def _last_refusal(call: Callable[[], object]) -> Iterator[None]:
 
 
 def _beside() -> None:
-    from mpge_bench.leaderboard.verify import evidence, results_in
+    from mpge_bench.leaderboard.verify import evidence, physics_in, results_in
 
     for path in results_in([Path("out")]):
-        evidence(path)
+        data, task, _, _ = evidence(path)
+        physics_in(path, data, task)
 
 
 def _curve() -> None:

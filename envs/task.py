@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,6 +68,10 @@ class Task:
             UserError: if its simulator is not installed.
         """
         return RobotEnv(self.robot, self.effects, render_mode, self.simulator)
+
+    def repaired(self, effects: Sequence[Effect]) -> Callable[[], RobotEnv]:
+        """What makes source environments that have `effects`; they can be pickled."""
+        return functools.partial(RobotEnv, self.robot, tuple(effects))
 
     def undone(self) -> Task:
         """The pair of the source with itself."""

@@ -42,6 +42,7 @@ def _repaired(problem: Problem, effects: Sequence[Effect]) -> Problem:
 
 def _learnt_in(
     repaired: Problem,
+    physics: Sequence[Effect],
     upon: Grounded | None,
     agent: AgentSettings,
     seed: int,
@@ -51,11 +52,12 @@ def _learnt_in(
     begun: float,
     report: dict[str, Any],
 ) -> Result:
-    """The result of learning in a `repaired` source, found since `begun` (time.monotonic()), and an action transformation `upon` it."""
+    """The result of learning in a source `repaired` by `physics`, found since `begun` (time.monotonic()), and an action transformation `upon` it."""
     grounded, transformation = time.monotonic(), upon.grounding if upon else None
     policy, steps = train_transfer(repaired, transformation, agent, seed, progress, log_dir / "agent", jobs, "agent in the repaired source")
     seconds = {"grounding": grounded - begun, "agent": time.monotonic() - grounded}
-    return Result(policy, steps={"grounding": upon.steps if upon else 0, "agent": steps}, seconds=seconds, report=report)
+    steps_of = {"grounding": upon.steps if upon else 0, "agent": steps}
+    return Result(policy, transformation, physics=physics, steps=steps_of, seconds=seconds, report=report)
 
 
 class Repair(Method):
@@ -85,7 +87,7 @@ class Repair(Method):
             upon = None
         if upon:
             report |= {"upon": upon.report, "verdict": f"{report['verdict']} Upon that: {upon.report['verdict']}"}
-        return _learnt_in(repaired, upon, settings.agent, seed, progress, log_dir, jobs, begun, report)
+        return _learnt_in(repaired, found.effects, upon, settings.agent, seed, progress, log_dir, jobs, begun, report)
 
 
 @dataclass(frozen=True)
@@ -147,4 +149,4 @@ class Identification(Method):
             "verdict": f"{found.model.size} parameters fitted, {'converged' if found.converged else 'NOT converged'}: on unseen transitions {after:.3g} step "
             f"spreads are missed instead of {before:.3g} (median).",
         }
-        return _learnt_in(_repaired(problem, found.model.effects), None, settings.agent, seed, progress, log_dir, jobs, begun, report)
+        return _learnt_in(_repaired(problem, found.model.effects), found.model.effects, None, settings.agent, seed, progress, log_dir, jobs, begun, report)

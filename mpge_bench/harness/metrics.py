@@ -13,7 +13,7 @@ from mpge_bench.baselines.grounding.inverse import Solution, Solver
 from mpge_bench.baselines.policy import Array
 from mpge_bench.baselines.problem import Transitions
 from mpge_bench.baselines.vector import Identity, Transformation, Worlds
-from mpge_bench.envs import Task
+from mpge_bench.envs import RobotEnv, Task
 from mpge_bench.harness.optimal import Twin, state_spread, whole_state
 
 ERROR_STEPS = 2048
@@ -89,15 +89,21 @@ def _solved(
                 twin.forget()
 
 
-def transition_error(task: Task, transitions: Transitions, transformation: Transformation | None = None, seed: int = SEED) -> float:
+def transition_error(
+    make: Callable[[], RobotEnv], transitions: Transitions, transformation: Transformation | None = None, seed: int = SEED
+) -> float:
     """Mean ‖s'grounded − s'target‖₂ over `transitions` of the target, each begun from its state with its action (GARAT, figure 1a).
 
     States are set from observations; where these clip a velocity (the hopper's at ±10), so does the comparison.
+
+    Args:
+        make: makes the source, repaired or not.
+        transformation: of actions in it.
     """
     transformation = transformation or Identity()
     member = np.random.default_rng(seed).integers(transformation.members, size=len(transitions))
     executed = transformation(transitions.observations, transitions.actions, member)
-    env, errors = task.source(), []
+    env, errors = make(), []
     for state, action, chosen, reached in zip(
         transitions.observations, executed, transitions.actions, transitions.next_observations, strict=True
     ):

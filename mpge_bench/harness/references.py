@@ -140,7 +140,7 @@ def measure(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> Refe
         source=_over(played[:count]),
         action_error=action_transformation_error(task, None),
         action_floor=action_transformation_floor(task),
-        transition_error=transition_error(task, drawn),
+        transition_error=transition_error(task.source, drawn),
         transition_floor=transition_floor(task, drawn),
         made_from=made_from(task, folder),
         commit=commit(),

@@ -229,8 +229,8 @@ def _asked(settings: RunSettings, task: Task, method: Method, chosen: Any) -> di
     }
 
 
-def _stored(folder: Path, result: Result, policy: Policy, task: Task) -> dict[str, str | None]:
-    """Write what stands beside a result, and say under which names; None for what there is not."""
+def _stored(folder: Path, result: Result, policy: Policy, task: Task) -> dict[str, Any]:
+    """Write what stands beside a result, and say under which names; None for what there is not. Physics has no file: effects are plain data."""
     curve = _curve(task, result)
     if len(curve):
         curve.to_parquet(folder / "curve.parquet")
@@ -243,6 +243,7 @@ def _stored(folder: Path, result: Result, policy: Policy, task: Task) -> dict[st
         draw_residuals(result.residuals, task.robot, folder / "residuals.png")
     save_file(_weights(policy), folder / "policy.safetensors")
     return {
+        "physics": [effect.to_dict() for effect in result.physics],
         "grounding": "grounding.safetensors" if result.grounding and save_grounding(folder / "grounding.safetensors", result.grounding) else None,
         "curve": "curve.parquet" if len(curve) else None,
         "episodes": "episodes.parquet" if result.episodes else None,
@@ -382,24 +383,27 @@ def _weights(policy: Policy) -> dict[str, torch.Tensor]:
 def _measured(settings: RunSettings, result: Result, policy: Policy, known: References, problem: Problem) -> dict[str, Any]:
     """Returns and errors of a result, beside those of the pair's references."""
     task, grounding = get_task(settings.task), result.grounding
+    source = task.repaired(result.physics)
+    changed = grounding is not None or bool(result.physics)
     own = returns(task.target, policy)
     found = {
         "policy": own,
         "direct": known.direct,
         "optimal": known.optimal,
-        "grounded": returns(task.source, policy, transformation=grounding) if grounding else None,
+        "grounded": returns(source, policy, transformation=grounding) if changed else None,
     }
     return {
         "returns": {name: asdict(value) if value else None for name, value in found.items()},
         "normalized_return": normalized_return(own.mean, known.direct.mean, known.optimal.mean),
         "on_policy_mismatch": known.on_policy_mismatch,
         "action_transformation_error": {
-            "value": action_transformation_error(task, grounding) if grounding else None,
+            # Of a source that is another ã* is another, too.
+            "value": action_transformation_error(task, grounding) if grounding and not result.physics else None,
             "source": known.action_error,
             "floor": known.action_floor,
         },
         "transition_error": {
-            "value": transition_error(task, probe(task, problem.sources), grounding) if grounding else None,
+            "value": transition_error(source, probe(task, problem.sources), grounding) if changed else None,
             "source": known.transition_error,
             "floor": known.transition_floor,
         },

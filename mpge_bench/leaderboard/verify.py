@@ -16,6 +16,7 @@ from mpge_bench.baselines.policy import Policy
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import Transformation
 from mpge_bench.envs import Task, stated_task
+from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.reading import reading
 from mpge_bench.form import misfits
@@ -77,7 +78,7 @@ def faults(path: Path) -> list[str]:
         return wrong
     beside = {name: data[name] for name in ("policy", "grounding", "curve") if data[name]}
     wrong += [f"{name}: there is no {file} beside it" for name, file in beside.items() if not (path.parent / file).is_file()]
-    if data["grounding"] and data["returns"]["grounded"] and data["action_transformation_error"]["value"] is None:
+    if data["grounding"] and data["returns"]["grounded"] and not data.get("physics") and data["action_transformation_error"]["value"] is None:
         wrong.append("action_transformation_error.value: is null, where there is a grounding")
     if data["target_samples"] > data["samples"] and "target" not in data["access"]:
         wrong.append(f"target_samples: {data['target_samples']} were drawn of a budget of {data['samples']}")
@@ -109,16 +110,30 @@ def measured_again(path: Path, progress: Progress | None = None) -> list[Check]:
     """
     progress = progress or Silent()
     data, task, policy, grounding = evidence(path)
+    physics = physics_in(path, data, task)
     progress.stage("target", 0)
     checks = [_returned("return in the target", data["returns"]["policy"], returns(task.target, policy, seed=FRESH))]
-    if grounding:
+    if grounding or physics:
         progress.stage("grounded source", 0)
-        found = returns(task.source, policy, transformation=grounding, seed=FRESH)
+        found = returns(task.repaired(physics), policy, transformation=grounding, seed=FRESH)
         checks.append(_returned("return in the grounded source", data["returns"]["grounded"], found))
+    if grounding and not physics:
         progress.stage("action error", 0)
         stated = float(data["action_transformation_error"]["value"])
         checks.append(Check("action-transformation error", stated, action_transformation_error(task, grounding), _ROUNDING * stated + 1e-6))
     return checks
+
+
+def physics_in(path: Path, data: Mapping[str, Any], task: Task) -> tuple[Effect, ...]:
+    """The effects that the run of the result `data` put into its source; none in results from before they were kept.
+
+    Raises:
+        UserError: if they are none, or not of the pair's robot.
+    """
+    with reading(path, "physics of a result", "run the method again"):
+        effects = tuple(effect_from_dict(one) for one in data.get("physics") or ())
+        task.repaired(effects)()
+        return effects
 
 
 def evidence(path: Path) -> tuple[dict[str, Any], Task, Policy, Transformation | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from mpge_bench import repair
 from mpge_bench.diagnosis.transitions.pipeline import Unmasked
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, run
+from mpge_bench.leaderboard.verify import faults, measured_again
 
 
 def test_the_agent_learns_in_the_source_with_what_was_found(tmp_path: Path) -> None:
@@ -22,6 +24,18 @@ def test_the_agent_learns_in_the_source_with_what_was_found(tmp_path: Path) -> N
     assert result["target_samples"] == 150
     assert "physics" in result["access"]
     assert result["report"]["upon"] is None
+    # The repaired source is measured as a grounding is: here it is the target.
+    assert [(one["effect"], one["torque"]) for one in result["physics"]] == [("torque_bias", pytest.approx(150)), ("torque_limit", pytest.approx(300))]
+    assert result["returns"]["grounded"]["mean"] == pytest.approx(result["returns"]["policy"]["mean"])
+    assert result["transition_error"]["value"] < 1e-6 < result["transition_error"]["source"]
+    assert result["action_transformation_error"]["value"] is None
+    path = tmp_path / "biased_pendulum/diagnose/n150/smoke/seed0/result.json"
+    assert faults(path) == []
+    assert [(one.what, one.agrees) for one in measured_again(path)] == [("return in the target", True), ("return in the grounded source", True)]
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps(data | {"physics": [{"effect": "stiction"}]}))
+    with pytest.raises(UserError, match="stiction"):
+        measured_again(path)
 
 
 def test_what_has_no_name_becomes_an_action_transformation_upon_the_repair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,6 +55,10 @@ def test_what_has_no_name_becomes_an_action_transformation_upon_the_repair(tmp_p
     assert upon["distance_after"] < 0.05 * upon["distance_before"]
     assert "Upon that: The mismatch is an action transformation" in result["report"]["verdict"]
     assert result["simulator_steps"]["grounding"] > 0
+    assert result["grounding"] == "grounding.safetensors"
+    assert result["transition_error"]["value"] < 0.05 * result["transition_error"]["source"]
+    (path,) = tmp_path.rglob("result.json")
+    assert faults(path) == []
 
 
 def test_system_identification_fits_everything_and_learns_there(tmp_path: Path) -> None:

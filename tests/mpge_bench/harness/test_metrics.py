@@ -68,11 +68,11 @@ def test_every_pair_has_an_action_transformation_error_and_its_floor():
 
 def test_transition_error_is_nought_for_the_optimum_and_not_for_the_source(pendulum_policies):
     transitions = roll_out(PENDULUM.target, pendulum_policies, 0, 100, seed=0)
-    assert transition_error(PENDULUM, transitions, Optimal(PENDULUM)) == pytest.approx(0.0, abs=1e-9)
-    ungrounded = transition_error(PENDULUM, transitions)
+    assert transition_error(PENDULUM.source, transitions, Optimal(PENDULUM)) == pytest.approx(0.0, abs=1e-9)
+    ungrounded = transition_error(PENDULUM.source, transitions)
     # 150 N for 40 ms on 15 kg change the cart's speed alone by 0.4 m/s.
     assert ungrounded > 0.2
-    assert transition_error(PENDULUM, transitions, Identity()) == ungrounded
+    assert transition_error(PENDULUM.source, transitions, Identity()) == ungrounded
 
 
 @pytest.mark.parametrize(("policy", "expected"), [(100.0, 0.0), (500.0, 1.0), (300.0, 0.5), (0.0, -0.25)])
@@ -103,7 +103,7 @@ def test_transition_floor_is_what_the_best_action_transformation_leaves(pendulum
     assert transition_floor(PENDULUM, transitions) == pytest.approx(0.0, abs=1e-5)
     heavy = get_task("heavy_pendulum")
     transitions = roll_out(heavy.target, pendulum_policies, 0, 60, seed=0)
-    assert 0.0 < transition_floor(heavy, transitions) < 0.3 * transition_error(heavy, transitions)
+    assert 0.0 < transition_floor(heavy, transitions) < 0.3 * transition_error(heavy.source, transitions)
 
 
 def test_learning_is_the_mean_of_the_episodes_that_ended_by_then():
