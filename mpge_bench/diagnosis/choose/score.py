@@ -61,15 +61,28 @@ def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> I
         if not effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)]):
             yield effect
             continue
-        others: Sequence[Effect] = [other for other in effects if other is not effect]
-        if effect.on == "sensor":
-            misread = predictor.sensed(effects) - predictor.sensed(others)
-            small = np.sqrt(np.mean(misread**2, (0, 1))) < settings.slight * np.std(predictor.state, (0, 1))
-        else:
-            added, others = _beyond_plainer(predictor, effect, effects, others)
-            small = np.sqrt(np.mean(added**2, (0, 1))) < settings.slight * problem.torque
-        if small.all() and fitter.chi_square_of(others) < settings.decisive * fitter.chi_square_of(effects):
+        weight, others = weighed(problem, predictor, effect, effects)
+        if weight < settings.slight and fitter.chi_square_of(others) < settings.decisive * fitter.chi_square_of(effects):
             yield effect
+
+
+def weighed(problem: Problem, predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect]) -> tuple[float, Sequence[Effect]]:
+    """How much of a joint's torque, or of a reading's spread, `effect` changes beyond the plainer effects that it contains; of the joint of the most.
+
+    Args:
+        effects: of the model, `effect` among them.
+
+    Returns:
+        Also the other effects of the model, and what `effect` contains at its best.
+    """
+    others: Sequence[Effect] = [other for other in effects if other is not effect]
+    if effect.on == "sensor":
+        misread = predictor.sensed(effects) - predictor.sensed(others)
+        share = np.sqrt(np.mean(misread**2, (0, 1))) / np.maximum(np.std(predictor.state, (0, 1)), 1e-12)
+    else:
+        added, others = _beyond_plainer(predictor, effect, effects, others)
+        share = np.sqrt(np.mean(added**2, (0, 1))) / problem.torque
+    return float(share.max()), others
 
 
 def _beyond_plainer(predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect], others: Sequence[Effect]) -> tuple[Array, Sequence[Effect]]:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import exported_misses
-from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.choose.score import weighed
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.verdict.result import Detectable
@@ -45,7 +45,7 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
 
 
 def _in_windows(choice: Choice) -> Shares:
-    """Near the noise: significant among all candidates, and material."""
+    """Near the noise: significant among all candidates, material and, where it is slight, so much that the model without it misses `decisive` times as much."""
     settings, chosen = choice.problem.settings.choose, choice.chosen
     fitter = choice.problem.fitter(chosen.effects) if chosen.effects else choice.fitter
     basis = spanned(unit_length(chosen.fit.jacobian.reshape(chosen.fit.size, chosen.fit.residuals.size)))
@@ -54,27 +54,36 @@ def _in_windows(choice: Choice) -> Shares:
     significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
     material = settings.material if chosen.overall < settings.coarse else settings.coarse_material
     needed = max(significant, material * float(fitter.count.sum())) * max(scale, 1e-9)
+    left, decisive = chosen.fit.residuals, settings.decisive * fitter.chi_square(chosen.fit.cost)
+
+    def shown(share: float, column: Array) -> bool:
+        return float((fitter.nuisances.forgive(share * column, chosen.effects).residuals ** 2).sum()) >= needed
+
+    def decides(share: float, column: Array) -> bool:
+        return fitter.chi_square((fitter.nuisances.forgive(left + share * column, chosen.effects).residuals ** 2).sum(-1)) >= decisive
+
+    def share(start: Effect, column: Array) -> float:
+        power = float((column**2).sum())
+        if power <= 0:
+            return math.inf
+        found = _least(lambda share: shown(share, column), math.sqrt(needed / power))
+        weight, _ = weighed(choice.problem, fitter.predictor, start, choice.problem.rig.joined(chosen.effects, start))
+        heavy = settings.slight / weight if weight > 0 else math.inf
+        return found if found >= heavy else min(heavy, _least(lambda share: decides(share, column), found))
 
     def shares(candidate: Candidate) -> list[float]:
         columns = fitter.columns(candidate, chosen.effects)
         beside = without(columns.reshape(len(columns), -1), basis).reshape(columns.shape)
-        return [_share(fitter, column, chosen.effects, needed) for column in beside]
+        return [share(start, column) for start, column in zip(candidate.starts, beside, strict=True)]
 
     return shares
 
 
-def _share(fitter: LinearFitter, column: Array, effects: Sequence[Effect], needed: float) -> float:
-    """How many times a change of the prediction by `column` leaves a sum of squares `needed` when nuisances, within their limits, are forgiven; or infinity."""
-    power = float((column**2).sum())
-    if power <= 0:
-        return math.inf
-
-    def enough(share: float) -> bool:
-        return float((fitter.nuisances.forgive(share * column, effects).residuals ** 2).sum()) >= needed
-
-    low = math.sqrt(needed / power)
-    high = next((low * 2.0**doubled for doubled in range(12) if enough(low * 2.0**doubled)), math.inf)
-    # To within a tenth.
+def _least(enough: Callable[[float], bool], low: float) -> float:
+    """The least share from `low` on that is `enough`, to within a tenth; infinity if none is that is not thousands of times as large."""
+    if enough(low):
+        return low
+    high = next((low * 2.0**doubled for doubled in range(1, 13) if enough(low * 2.0**doubled)), math.inf)
     while low * 1.1 < high < math.inf:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if enough(middle) else (middle, high)
