@@ -18,6 +18,7 @@ from rich.table import Table
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.rig.commands import app as rigs
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -26,6 +27,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(concealed, name="concealed")
+app.add_typer(rigs, name="rig")
 _out = Console(highlight=False, markup=False)
 
 #: Characters that a normalised return of 1 is drawn with.
