@@ -19,6 +19,7 @@ from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.rig.commands import app as rigs
+from mpge_bench.rig.folder import PREDICTED
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -226,11 +227,13 @@ def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
 
 @app.command()
 def diagnose(
-    rig: Annotated[Path | None, typer.Option(help="What the simulator believes: a rig in YAML (docs/recordings.md).")] = None,
+    folder: Annotated[Path | None, typer.Argument(help="With rig.yaml and recordings (*.csv, *.parquet) in it, all of which are taken.")] = None,
+    rig: Annotated[Path | None, typer.Option(help="In its place: what the simulator believes, a rig in YAML (docs/recordings.md).")] = None,
     recording: Annotated[
-        list[str] | None, typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")
+        list[str] | None,
+        typer.Option(help="With --rig: CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out."),
     ] = None,
-    task: Annotated[str | None, typer.Option(help="In their place: a benchmark pair, whose target is to be found out. " + _TASK_HELP)] = None,
+    task: Annotated[str | None, typer.Option(help="In the place of both: a benchmark pair, whose target is to be found out. " + _TASK_HELP)] = None,
     samples: Annotated[int, typer.Option(min=30, help="With --task: target transitions to draw, as any method draws them.")] = 1000,
     noise: Annotated[float, typer.Option(min=0.0, help="With --task: noise of the sensors, as a share of each entry's spread, such as 0.01.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="With --task: repeats the draw.")] = 0,
@@ -262,6 +265,8 @@ def diagnose(
 ) -> None:
     """Say where simulator and recordings disagree, what physics was left out, and how much better the simulator gets with it.
 
+    Example: python -m mpge_bench diagnose arm/ --out report/
+
     Example: python -m mpge_bench diagnose --rig rig.yaml --recording 'train_*.csv' --out report/
 
     Example: python -m mpge_bench diagnose --task broken_hopper --samples 1000
@@ -272,8 +277,9 @@ def diagnose(
     Where recordings of a mechanism leave several answers, or too little data is there, next_experiment.csv has commands (time, u_JOINT) that would tell them
     apart, within your limits; give what they record as the first --recording.
     """
-    if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
-        raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")
+    given = [name for name, there in (("folder", folder), ("files", rig), ("files", recording), ("task", task)) if there]
+    if len(set(given)) != 1 or given == ["files"]:
+        raise UserError("diagnose takes a folder, or --rig and --recording, or --task; give one of the three (--help has examples)")
     if task is not None:
         _diagnose_pair(task, samples, noise, seed, transitions, out, 300.0 if seconds is None else seconds, jobs, policies)
         return
@@ -283,7 +289,10 @@ def diagnose(
     from mpge_bench.diagnosis.pipeline import diagnose_files
     from mpge_bench.diagnosis.report.simulators import MODELS
     from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
+    from mpge_bench.rig.folder import case_in
 
+    if folder is not None:
+        rig, recording = case_in(folder)
     assert rig is not None
     assert recording is not None
     if seconds is None:
@@ -490,7 +499,7 @@ def simulate(
     rig: Annotated[Path, typer.Option(help="YAML file of the mechanism, such as the corrected.yaml that `diagnose` writes.")],
     recording: Annotated[Path, typer.Option(help="CSV or Parquet file with time, u_JOINT, q_JOINT and, if measured, dq_JOINT.")],
     horizon: Annotated[float, typer.Option(help="Seconds from one restart to the next.")] = 0.5,
-    out: Annotated[Path, typer.Option(help="CSV (or, if named .parquet, Parquet) file for the prediction; replaced if it is there.")] = Path("predicted.csv"),
+    out: Annotated[Path, typer.Option(help="CSV (or, if named .parquet, Parquet) file for the prediction; replaced if it is there.")] = Path(PREDICTED),
 ) -> None:
     """Predict a recording with a rig: how far is the simulator from the real system?
 

@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from mpge_bench.rig.folder import RIG
+
 app = typer.Typer(help="Write a rig, which says what the simulator believes of your machine (new).", no_args_is_help=True)
 _out = Console(highlight=False, markup=False)
 
@@ -32,7 +34,7 @@ def new(
     """
     from mpge_bench.rig.template import write_template
 
-    path = out or robot.with_name("rig.yaml")
+    path = out or robot.with_name(RIG)
     rig = write_template(robot, path)
     joints = ", ".join(f"{joint} ({rig.modes[joint]})" for joint in rig.joints) or "none, it is free to move"
     _out.print(f"Written to {path}. Joints: {joints}", soft_wrap=True)
