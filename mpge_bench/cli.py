@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -18,8 +17,12 @@ from rich.table import Table
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.plain import as_json as plain_json
 from mpge_bench.rig.commands import app as rigs
 from mpge_bench.rig.folder import PREDICTED
+
+if TYPE_CHECKING:
+    from mpge_bench.leaderboard.tables import Sheet
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
@@ -44,6 +47,7 @@ _CONFIG_HELP = (
     "Run what this result.json holds again, its settings and all; with --out and --jobs only. A pair or a method in a module of yours is imported if --task or"
     " --method names it, too."
 )
+_JSON_HELP = "Print the same figures as JSON, for programs, and nothing else; what is not known is null."
 _POLICIES_HELP = "Folder with the source and target-optimal policies, if not the shipped ones."
 
 
@@ -62,6 +66,7 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json, and the folder that it is in, for programs, and nothing else.")] = False,
 ) -> None:
     """Run one method on one pair, measure it and print what came out.
 
@@ -86,14 +91,16 @@ def run(
         settings = harness.RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
         chosen = settings.effective()
     folder = settings.folder(out)
-    present = harness.present_result(settings, out, chosen)
-    if present:
+    result = harness.present_result(settings, out, chosen)
+    if result and not as_json:
         _out.print(f"{folder} holds the result of this run already:")
-        _show(present, folder)
-        return
-    with ConsoleProgress() as progress:
-        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
-    _show(result, folder)
+    if not result:
+        with ConsoleProgress() as progress:
+            result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
+    if as_json:
+        print(plain_json({"folder": folder, **result}))
+    else:
+        _show(result, folder)
 
 
 def _overrides(changes: list[str] | None, rollouts: str | None, divergence: str | None) -> tuple[str, ...]:
@@ -118,6 +125,7 @@ def sweep(
     jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = os.cpu_count() or 1,
     engine: Annotated[str, typer.Option(help="local: processes of this machine; ray: Ray's (the extra called ray).")] = "local",
     address: Annotated[str | None, typer.Option(help="With --engine ray: a cluster, all of whose cores are used. Its machines have to share OUT.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Run every combination of the given tasks, methods, sample sizes and seeds, and print the table.
 
@@ -158,13 +166,16 @@ def sweep(
             progress.console.print(f"{one.settings.folder(Path())}: {said}", markup=False, soft_wrap=True)
             progress.advance(0 if one.again else 1)
 
-        _out.print(plan.words(chosen.processes), soft_wrap=True)
+        (progress.console if as_json else _out).print(plan.words(chosen.processes), soft_wrap=True)
         if plan.missing:
             progress.stage(f"{len(plan.missing)} runs", len(plan.missing))
             make(plan.missing, out, policies, chosen, tell)
     results = collect(out)
-    for sheet in sheets(results) if len(results) else ():
-        _wide().print(sheet.table())
+    tables = sheets(results) if len(results) else []
+    if as_json:
+        print(plain_json({"runs": len(plan.missing), "failed": failed, "tables": [sheet.data() for sheet in tables]}))
+    else:
+        _print_sheets(tables)
     if failed:
         raise UserError(f"{len(failed)} of {len(plan.missing)} runs failed, first {failed[0]}")
 
@@ -344,6 +355,7 @@ def excite(
     draws: Annotated[int, typer.Option(min=1, help="Motions that are tried.")] = 60,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Design commands for your robot to play, so that what is recorded tells the effects of the catalogue, and tells them apart.
 
@@ -361,6 +373,9 @@ def excite(
     with ConsoleProgress() as progress:
         commands, told = designed(believed, limits_of(believed, position, speed, command), seconds, recordings, draws, seed, jobs, progress)
     write(believed, commands, told, out)
+    if as_json:
+        print(plain_json(told))
+        return
     table = Table("effect", "at", "parameter", "standard error beside the others", "of random motions", box=None)
     for one in told:
         error, usual = (f"{value:.3g} {one.unit}".removesuffix(" 1") if math.isfinite(value) else "not told" for value in (one.error, one.usual))
@@ -500,6 +515,7 @@ def simulate(
     recording: Annotated[Path, typer.Option(help="CSV or Parquet file with time, u_JOINT, q_JOINT and, if measured, dq_JOINT.")],
     horizon: Annotated[float, typer.Option(help="Seconds from one restart to the next.")] = 0.5,
     out: Annotated[Path, typer.Option(help="CSV (or, if named .parquet, Parquet) file for the prediction; replaced if it is there.")] = Path(PREDICTED),
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Predict a recording with a rig: how far is the simulator from the real system?
 
@@ -530,8 +546,12 @@ def simulate(
     for prefix, values in (("q", predicted.q), ("dq", predicted.dq)):
         columns |= {name: values[:, column] for column, name in enumerate(believed.columns[prefix])}
     write_table(pd.DataFrame(columns), out)
+    missed = errors(predicted, real, believed)
+    if as_json:
+        print(plain_json([dict(zip(("name", "unit", "q", "dq"), one, strict=True)) for one in missed]))
+        return
     drawn = Table("joint" if believed.joints else "", "RMS error of q", "RMS error of dq")
-    for name, unit, position, speed in errors(predicted, real, believed):
+    for name, unit, position, speed in missed:
         drawn.add_row(name, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
     _out.print(drawn)
     _out.print(f"Written to {out}: {len(real.time)} rows, restarted every {horizon:g} s", soft_wrap=True)
@@ -607,6 +627,7 @@ def render(
 def leaderboard(
     results: Annotated[Path | None, typer.Argument(help="Folder with result.json files, at any depth; leaderboard/results if not given.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
     plots: Annotated[Path | None, typer.Option(help="Folder for the same as pictures.")] = None,
     html: Annotated[Path | None, typer.Option(help="File for the same as one page for a browser: to sort, to filter, with each run's settings.")] = None,
     update: Annotated[bool, typer.Option("--update", help="Write the project's own page, leaderboard/README.md, and its plots anew; in a checkout.")] = False,
@@ -629,20 +650,24 @@ def leaderboard(
     from mpge_bench.leaderboard.tables import sheets
 
     if update:
-        if results or plots or html or markdown:
+        if results or plots or html or markdown or as_json:
             raise UserError("--update writes the page of leaderboard/results; give it alone, or leave it out to see other results")
         for path in page.update(page.OWN):
             _out.print(f"{path}: written", markup=False, soft_wrap=True)
         return
+    if markdown and as_json:
+        raise UserError("--markdown and --json are two ways to print; give one of them")
     folder = results or Path("leaderboard/results")
     found = collect(folder)
     if not len(found):
         raise UserError(f"{folder}: no result.json below it; `python -m mpge_bench run --out {folder}` makes one")
-    for sheet in sheets(found):
-        if markdown:
+    if as_json:
+        print(plain_json([sheet.data() for sheet in sheets(found)]))
+    elif markdown:
+        for sheet in sheets(found):
             print(sheet.markdown())
-        else:
-            _wide().print(sheet.table())
+    else:
+        _print_sheets(sheets(found))
     if plots:
         from mpge_bench.leaderboard.plots import draw
 
@@ -662,6 +687,7 @@ def leaderboard(
 def verify(
     results: Annotated[list[Path], typer.Argument(help="Result files, or folders with results below them.")],
     form: Annotated[bool, typer.Option("--form", help="Look at files and entries alone; nothing is measured again.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Check results: their form, their physics, and their figures, measured again from the policies and groundings that lie beside them.
 
@@ -674,22 +700,24 @@ def verify(
     result.json. Exit status 1 if something is wrong.
     """
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.leaderboard.verify import faults, measured_again, results_in
+    from mpge_bench.leaderboard.verify import results_in, verified
 
-    wrong, paths = 0, results_in(results)
-    drawn = Table("result", "what", "stated", "found", "may differ by", "")
     with ConsoleProgress("verify") as progress:
-        for path in paths:
-            found = faults(path)
-            checks = [] if form or found else measured_again(path, progress)
-            wrong += bool(found) or not all(one.agrees for one in checks)
-            for line in found:
-                drawn.add_row(str(path.parent), line, "", "", "", "wrong")
-            for one in checks:
-                drawn.add_row(str(path.parent), one.what, f"{one.stated:.5g}", f"{one.found:.5g}", f"{one.within:.2g}", "" if one.agrees else "wrong")
-    if drawn.row_count:
-        _wide().print(drawn)
-    _out.print(f"{len(paths) - wrong} of {len(paths)} results are in order.")
+        found = [verified(path, form, progress) for path in results_in(results)]
+    wrong = sum(not one.in_order for one in found)
+    if as_json:
+        print(plain_json([one.data() for one in found]))
+    else:
+        drawn = Table("result", "what", "stated", "found", "may differ by", "")
+        for one in found:
+            for line in one.faults:
+                drawn.add_row(str(one.path.parent), line, "", "", "", "wrong")
+            for check in one.checks:
+                figures = (f"{check.stated:.5g}", f"{check.found:.5g}", f"{check.within:.2g}", "" if check.agrees else "wrong")
+                drawn.add_row(str(one.path.parent), check.what, *figures)
+        if drawn.row_count:
+            _wide().print(drawn)
+        _out.print(f"{len(found) - wrong} of {len(found)} results are in order.")
     if wrong:
         raise typer.Exit(1)
 
@@ -698,6 +726,7 @@ def verify(
 def compare(
     one: Annotated[Path, typer.Argument(help="Folder with results.")],
     other: Annotated[Path, typer.Argument(help="Folder with results to hold them against.")],
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Say whether two sets of results differ beyond chance.
 
@@ -711,14 +740,18 @@ def compare(
     from mpge_bench.leaderboard.results import collect
 
     found = compared(collect(one), collect(other))
-    _wide().print(found.sheet((str(one), str(other))).table())
+    names = str(one), str(other)
+    if as_json:
+        print(plain_json(found.data(names)))
+        return
+    _wide().print(found.sheet(names).table())
     _out.print(found.verdict(), markup=False, soft_wrap=True)
 
 
 @app.command()
 def tasks(
     task: Annotated[str | None, typer.Argument(help="Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
     update: Annotated[bool, typer.Option("--update", help="Write the table of docs/pairs.md anew; in a checkout.")] = False,
 ) -> None:
     """List the source/target pairs, or show one pair's page: what differs, where it is from, and how large the mismatch is.
@@ -738,7 +771,7 @@ def tasks(
     if task is None:
         found = pairs.overview()
         if as_json:
-            print(json.dumps(found, indent=1))
+            print(plain_json(found))
         else:
             _wide().print(pairs.table(found))
             _wide().print(pairs.families_table())
@@ -746,7 +779,7 @@ def tasks(
     with ConsoleProgress() as progress:
         page = pairs.page(get_task(task), progress)
     if as_json:
-        print(json.dumps(page, indent=1))
+        print(plain_json(page))
     else:
         _out.print(pairs.text(page), markup=False, soft_wrap=True)
 
@@ -772,7 +805,7 @@ def methods(
         return
     found = [described(name) for name in ([method] if method else ADDRESSES)]
     if as_json:
-        print(json.dumps(found, indent=1))
+        print(plain_json(found))
         return
     drawn, words = (Table(*columns) for columns in (("method", "what it does", "from", "uses", "presets"), ("uses", "which means")))
     for one in found:
@@ -788,6 +821,11 @@ def _update(page: str) -> None:
     from mpge_bench import pages
 
     _out.print(f"{pages.update(page)}: written", markup=False, soft_wrap=True)
+
+
+def _print_sheets(sheets: Sequence[Sheet]) -> None:
+    for sheet in sheets:
+        _wide().print(sheet.table())
 
 
 def _wide() -> Console:
