@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from mpge_bench import completion
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.add_typer(concealed, name="concealed")
@@ -37,6 +37,7 @@ _out = Console(highlight=False, markup=False)
 #: Characters that a normalised return of 1 is drawn with.
 _BAR = 10
 _TASK_HELP = "Source/target pair; `tasks` lists them."
+_PAGE_HELP = "Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own."
 _METHOD_HELP = "Transfer method; `methods` lists them. Or your own: my_package.mine:MyMethod."
 _PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days); `methods` lists any others."
 _SET_HELP = "Change a setting of the preset, KEY=VALUE, for instance agent.steps=100000; may be given several times. A wrong KEY names those there are."
@@ -53,10 +54,10 @@ _POLICIES_HELP = "Folder with the source and target-optimal policies, if not the
 
 @app.command()
 def run(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)] = "broken_hopper",
-    method: Annotated[str, typer.Option(help=_METHOD_HELP)] = "mpge",
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)] = "broken_hopper",
+    method: Annotated[str, typer.Option(help=_METHOD_HELP, autocompletion=completion.methods)] = "mpge",
     samples: Annotated[int, typer.Option(min=1, help="Target transitions the method may collect.")] = 1000,
-    preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
+    preset: Annotated[str, typer.Option(help=_PRESET_HELP, autocompletion=completion.presets)] = "standard",
     seed: Annotated[int, typer.Option(min=0, help="Repeats a run; also says which source policy the agent starts from.")] = 0,
     changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
     rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
@@ -110,10 +111,10 @@ def _overrides(changes: list[str] | None, rollouts: str | None, divergence: str 
 
 @app.command()
 def sweep(
-    task: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _TASK_HELP)] = None,
-    method: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _METHOD_HELP)] = None,
+    task: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _TASK_HELP, autocompletion=completion.tasks)] = None,
+    method: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _METHOD_HELP, autocompletion=completion.methods)] = None,
     samples: Annotated[list[int] | None, typer.Option(min=1, help="May be given several times; 1000 if not given.")] = None,
-    preset: Annotated[str | None, typer.Option(help=_PRESET_HELP + " standard if not given.")] = None,
+    preset: Annotated[str | None, typer.Option(help=_PRESET_HELP + " standard if not given.", autocompletion=completion.presets)] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Seeds 0 to SEEDS - 1; 3 if not given.")] = None,
     changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
     rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
@@ -182,7 +183,7 @@ def sweep(
 
 @app.command("train-policies")
 def train_policies(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     kind: Annotated[
         str, typer.Option(help="source, target, both, or er: the entropy-regularised set, whose policies are trained one after the other.")
     ] = "both",
@@ -244,7 +245,10 @@ def diagnose(
         list[str] | None,
         typer.Option(help="With --rig: CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out."),
     ] = None,
-    task: Annotated[str | None, typer.Option(help="In the place of both: a benchmark pair, whose target is to be found out. " + _TASK_HELP)] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(help="In the place of both: a benchmark pair, whose target is to be found out. " + _TASK_HELP, autocompletion=completion.tasks),
+    ] = None,
     samples: Annotated[int, typer.Option(min=30, help="With --task: target transitions to draw, as any method draws them.")] = 1000,
     noise: Annotated[float, typer.Option(min=0.0, help="With --task: noise of the sensors, as a share of each entry's spread, such as 0.01.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="With --task: repeats the draw.")] = 0,
@@ -386,7 +390,7 @@ def excite(
 
 @app.command()
 def record(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("recordings"),
     source: Annotated[bool, typer.Option("--source", help="Record the pair's source (nothing to find) instead of its target.")] = False,
     episodes: Annotated[int, typer.Option(min=1, help="One file each.")] = 4,
@@ -436,7 +440,7 @@ def record(
 
 @app.command()
 def collect(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     out: Annotated[Path, typer.Option(help="File for the transitions, .npz, or (anything else) folder for a Minari data set.")],
     samples: Annotated[int, typer.Option(min=1, help="Target transitions to draw, as any method draws them.")] = 1000,
     noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
@@ -585,7 +589,7 @@ def export(
 
 @app.command()
 def render(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     policy: Annotated[
         str,
         typer.Option(
@@ -750,7 +754,7 @@ def compare(
 
 @app.command()
 def tasks(
-    task: Annotated[str | None, typer.Argument(help="Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own.")] = None,
+    task: Annotated[str | None, typer.Argument(help=_PAGE_HELP, autocompletion=completion.tasks)] = None,
     as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
     update: Annotated[bool, typer.Option("--update", help="Write the table of docs/pairs.md anew; in a checkout.")] = False,
 ) -> None:
@@ -786,7 +790,9 @@ def tasks(
 
 @app.command()
 def methods(
-    method: Annotated[str | None, typer.Argument(help="Only this method: a listed one, or your own: my_package.mine:MyMethod.")] = None,
+    method: Annotated[
+        str | None, typer.Argument(help="Only this method: a listed one, or your own: my_package.mine:MyMethod.", autocompletion=completion.methods)
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs: also whether it draws samples, its presets and its settings.")] = False,
     update: Annotated[bool, typer.Option("--update", help="Write the table of docs/methods.md anew; in a checkout.")] = False,
 ) -> None:
@@ -887,8 +893,9 @@ def main() -> None:
     """Run the command line. What the user can put right ends with one line and exit status 2, Ctrl-C with 130."""
     # Killed, it clears up as after Ctrl-C: workers end, nothing half-made stays.
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    about_completion = any(one.startswith(completion.ASKED) for one in sys.argv[1:2])
     try:
-        app()
+        app(prog_name=completion.PROGRAM if about_completion else None)
     except UserError as error:
         print(f"mpge_bench: {one_line(error)}", file=sys.stderr)
         sys.exit(2)
