@@ -538,11 +538,6 @@ def simulate(
 
     believed = read_rig(rig)
     real = read_recording(recording, believed)
-    period = float(np.median(np.diff(real.time)))
-    if not horizon > period:
-        raise UserError(
-            f"a horizon of {horizon} s is no longer than the {period:.4g} s from row to row, so nothing would be predicted; give --horizon 0.5, say"
-        )
     if out.resolve() in (recording.resolve(), rig.resolve()):
         raise UserError(f"{out}: would be overwritten, but it is what the prediction is made from; choose another file with --out")
     predicted = simulated(believed, real, horizon)
@@ -589,7 +584,10 @@ def export(
 
 @app.command()
 def render(
-    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
+    task: Annotated[str | None, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)] = None,
+    rig: Annotated[list[Path] | None, typer.Option(help="In its place: a rig that predicts RECORDING; may be given several times, a side each.")] = None,
+    recording: Annotated[Path | None, typer.Option(help="With --rig: CSV or Parquet file, the motion of which is shown first.")] = None,
+    horizon: Annotated[float, typer.Option(help="With --rig: seconds from one restart to the next, as `simulate` has them.")] = 0.5,
     policy: Annotated[
         str,
         typer.Option(
@@ -597,32 +595,49 @@ def render(
             " or the path of a policy.safetensors, such as `run` writes."
         ),
     ] = "source",
-    out: Annotated[Path | None, typer.Option(help="Name of the film, .gif or .mp4 (smaller); TASK.gif if not given. Replaced if it is there.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Name of the film, .gif or .mp4 (smaller); TASK.gif or RECORDING.gif, here, if not given. Replaced if it is there.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the start and of random actions; also says which of the source or target policies acts.")] = 0,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Longest duration, s; at most the task's own length.")] = 5.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Longest duration, s; at most the task's, or the recording's, own length.")] = 5.0,
     width: Annotated[int, typer.Option(min=160, max=1920, help="Of each side's picture, pixels.")] = 400,
     height: Annotated[int, typer.Option(min=120, max=1440, help="Of each side's picture, pixels.")] = 300,
     fps: Annotated[int, typer.Option(min=1, max=50, help="Pictures a second; the film plays in real time.")] = 25,
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
 ) -> None:
-    """Show source and target side by side under the same policy, as a GIF or MP4; needs no display.
+    """Show source and target side by side under the same policy, or a recording beside what rigs make of it, as a GIF or MP4; needs no display.
 
     Example: python -m mpge_bench render --task ant_gravity --policy random --out ant.gif
 
-    Both sides start from the same seed and get actions from the same policy (its mean), so that what differs is the physics. A side whose episode the
-    task ends (the robot fell) stays on its last picture, marked so. MP4 needs imageio and imageio-ffmpeg, the extra named video.
-    """
-    from mpge_bench import render as renderer
-    from mpge_bench.console import ConsoleProgress
-    from mpge_bench.policies import home
+    Example: python -m mpge_bench render --rig rig.yaml --rig report/corrected.yaml --recording test.csv
 
-    settings = renderer.RenderSettings(task, policy, seed, seconds, width, height, fps)
-    path = out or Path(f"{get_task(task).name}.gif")
+    Source and target start from the same seed and get actions from the same policy (its mean), so that what differs is the physics. A side whose episode the
+    task ends (the robot fell) stays on its last picture, marked so. Rigs run the recording's own commands and restart from the recorded state every HORIZON
+    seconds. MP4 needs imageio and imageio-ffmpeg, the extra named video.
+    """
+    if (rig is None or recording is None) if task is None else (rig is not None or recording is not None):
+        raise UserError("render takes either --task, or --rig and --recording; give one of the two (--help has examples)")
+    from mpge_bench.console import ConsoleProgress
+
     with ConsoleProgress() as progress:
-        film = renderer.render(settings, path, policy_folder=policies or home(task), progress=progress)
-    for side, episode in (("source", film.source), ("target", film.target)):
-        over = ", where the task ended the episode" if episode.ended else ""
-        _out.print(f"{side}: return {episode.returns[-1]:.2f} in {episode.duration:.2f} s{over}")
+        if task is None:
+            from mpge_bench.film import Format
+            from mpge_bench.render_recording import render_recording
+
+            assert rig is not None
+            assert recording is not None
+            path = out or Path(f"{recording.stem}.gif")
+            film = render_recording(rig, recording, path, horizon, seconds, Format(width, height, fps), progress)
+        else:
+            from mpge_bench import render as renderer
+            from mpge_bench.policies import home
+
+            path = out or Path(f"{get_task(task).name}.gif")
+            settings = renderer.RenderSettings(task, policy, seed, seconds, width, height, fps)
+            film = of_pair = renderer.render(settings, path, policy_folder=policies or home(task), progress=progress)
+            for side, episode in (("source", of_pair.source), ("target", of_pair.target)):
+                over = ", where the task ended the episode" if episode.ended else ""
+                _out.print(f"{side}: return {episode.returns[-1]:.2f} in {episode.duration:.2f} s{over}")
     size = path.stat().st_size / 1e6
     _out.print(f"Written to {path}: {film.frames} pictures of {film.size[0]} × {film.size[1]}, {film.duration:.2f} s, {size:.2g} MB", soft_wrap=True)
 

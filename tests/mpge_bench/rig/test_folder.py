@@ -9,57 +9,32 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 
-from mpge_bench.diagnosis.data.recording import write_table
-from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.envs.effects import TorqueGain
 from mpge_bench.rig.folder import case_in, kind_of
 from mpge_bench.rig.template import write_template
 
-ROD = """<robot name="rod"><link name="base"/>
-<link name="rod"><inertial><origin xyz="0 0 -0.3"/><mass value="1"/><inertia ixx=".02" iyy=".02" izz=".001" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
-
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path: Path, rod: str) -> Path:
     """With a robot file in it, called as shells do not like it."""
     made = tmp_path / "my [rod]"
     made.mkdir()
-    (made / "rod.urdf").write_text(ROD)
+    (made / "rod.urdf").write_text(rod)
     return made
 
 
-def commands(seconds: float, hertz: float) -> pd.DataFrame:
-    """Of the hinge."""
-    time = np.arange(0.0, seconds, 0.01)
-    return pd.DataFrame({"time": time, "u_hinge": 2 * np.sin(2 * np.pi * hertz * time) + np.sin(2 * np.pi * 2.3 * hertz * time)})
-
-
-def record(folder: Path, name: str, hertz: float) -> None:
-    """Six seconds of the rod whose motor delivers 60% of its command."""
-    world = read_rig(folder / "rig.yaml").world([TorqueGain("hinge", 0.6)], substeps=10)
-    world.set_state([0.2], [0.0])
-    table = commands(6.0, hertz)
-    rows = []
-    for command in table["u_hinge"]:
-        rows.append([float(values[0]) for values in world.read()])
-        world.step([command])
-    table[["q_hinge", "dq_hinge"]] = rows
-    write_table(table, folder / name)
-
-
-def test_a_folder_from_robot_file_to_verdict(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
+def test_a_folder_from_robot_file_to_verdict(
+    folder: Path, record_rod: Callable[..., Path], in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]
+) -> None:
     said = refused("diagnose", folder)
     command = said.split("first one: ")[1].strip()
     assert shlex.split(command) == ["python", "-m", "mpge_bench", "rig", "new", str(folder / "rod.urdf")]
     code, _, err = in_process(*shlex.split(command)[3:])
     assert code == 0, err
     for name, hertz in (("a.csv", 0.4), ("b.parquet", 0.7)):
-        record(folder, name, hertz)
+        record_rod(folder / "rig.yaml", name, hertz, TorqueGain("hinge", 0.6))
     # What other commands write there is no recording.
     code, _, err = in_process("simulate", "--rig", folder / "rig.yaml", "--recording", folder / "a.csv", "--out", folder / "predicted.csv")
     assert code == 0, err
