@@ -28,6 +28,8 @@ Array = npt.NDArray[np.float64]
 _COLOURS = (ORANGE, BLUE)
 #: A free body that goes further than so many times its own size is followed by the camera; else the camera stands and shows where it goes.
 _ROAMS = 8.0
+#: How far round a body that is followed is seen, as a multiple of its size.
+_AROUND = 2.0
 #: Room round what moves, as a share of its size, for what its frames do not show: how thick it is.
 _ROOM = 0.12
 #: Moments at which it is looked how much room a motion takes.
@@ -137,7 +139,7 @@ def _cameras(rig: Rig, view: World, motions: Sequence[_Motion], when: Array, fps
     if not rig.model.floating or float((high - low).max()) < _ROAMS * size:
         margin = _ROOM * float((high - low).max())
         return [camera_round((low - margin, high + margin))] * len(when)
-    half = np.full(3, 2 * size)
+    half = np.full(3, _AROUND * size)
     # Without the calm of `followed`: what is thrown is soon far off.
     return [camera_round((motions[0].at(time)[:3] - half, motions[0].at(time)[:3] + half)) for time in when]
 

@@ -82,7 +82,7 @@ def template(model: Model, robot: str, stated: Stated) -> str:
     """The rig's text; `robot` is the path of the model's file as the rig is to have it."""
     base = "fixed" if model.joints else "free"
     motors = stated.motors or dict.fromkeys(model.joints, (0.0, 0.0))
-    gravity = f"gravity: [{', '.join(f'{value:g}' for value in stated.gravity)}]"
+    gravity = f"gravity: [{', '.join(f'{value!r}' for value in stated.gravity)}]"
     lines = [
         _HEAD + f"{f'robot: {_quoted(robot)}':<28} # URDF or MJCF file, relative to this one",
         _BASES[base],

@@ -74,10 +74,10 @@ def test_an_mjcf_file_says_motors_gravity_and_step(tmp_path: Path) -> None:
     bodies = "".join(f'<body><joint name="{name}" axis="0 1 0"/><geom size=".1" pos="0 0 -.5"/>' for name in "abcd") + "</body>" * 4
     path = tmp_path / "arm.xml"
     actuators = '<motor joint="a" gear="50"/><position joint="b" kp="20" kv="0.5"/><position joint="c" kp="20" gear="2"/>'
-    text = '<mujoco><option gravity="1 0 -3.7" timestep="0.002"/><worldbody>{}</worldbody>{}</mujoco>'
+    text = '<mujoco><option gravity="1 0 -3.72076123" timestep="0.002"/><worldbody>{}</worldbody>{}</mujoco>'
     path.write_text(text.format(bodies, f"<actuator>{actuators}</actuator>"))
     rig = made(path)
-    assert (rig.gravity, rig.timestep) == ((1.0, 0.0, -3.7), 0.002)
+    assert (rig.gravity, rig.timestep) == ((1.0, 0.0, -3.72076123), 0.002)
     assert rig.modes == {"a": "torque", "b": "position", "c": "torque", "d": "passive"}
     servo = rig.servo("b")
     assert servo is not None
