@@ -17,6 +17,7 @@ from mpge_bench.concealed import commands
 from mpge_bench.leaderboard.results import collect
 from mpge_bench.leaderboard.tables import sheets
 from mpge_bench.plain import as_json, plain
+from mpge_bench.rig.template import write_template
 
 STORED = Path(__file__).parents[2] / "leaderboard/results/biased_pendulum/mpg/n1000/standard/seed1"
 
@@ -122,3 +123,18 @@ def test_a_run_and_a_sweep_are_figures_made_or_there(policy_folder, tmp_path, in
     assert code == 2
     assert strictly(text)["runs"] == 1
     assert strictly(text)["failed"][0].startswith("broken_hopper/direct/n0/smoke/seed0: ")
+
+
+def test_spikes_are_figures(tmp_path, rod, record_rod, in_process):
+    (tmp_path / "rod.urdf").write_text(rod)
+    rig = tmp_path / "rig.yaml"
+    write_template(tmp_path / "rod.urdf", rig)
+    for name, hertz in (("a.csv", 0.4), ("b.csv", 0.6), ("c.csv", 0.8)):
+        record_rod(rig, name, hertz, seconds=2.0)
+    diagnoser = ("--diagnoser", "tests.mpge_bench.concealed.test_cases:Nothing", "--seconds", 20, "--jobs", 1)
+    recorded = ("--rig", rig, "--recording", tmp_path / "?.csv", "--out", tmp_path / "spikes")
+    code, out, err = in_process("concealed", "spike", *recorded, "--times", "4", "--shams", 1, *diagnoser, "--json")
+    assert code == 0, err
+    rows = strictly(out)
+    assert {"sham", "torque_gain", "viscous_friction"} <= {row["effect"] for row in rows}
+    assert not any(row.get("found") for row in rows)
