@@ -53,6 +53,21 @@ class Mechanism:
     springs: dict[str, tuple[float, float]]
 
 
+@dataclass(frozen=True)
+class Stated:
+    """What a robot file may say that a rig or a world says itself.
+
+    Attributes:
+        gravity: m/s².
+        timestep: of the simulator, s.
+        motors: by joint that has one: stiffness, N m/rad, and damping, N m s/rad, of its position servo (N/m and N s/m on a slide); zeros if it takes a torque.
+    """
+
+    gravity: tuple[float, float, float]
+    timestep: float
+    motors: dict[str, tuple[float, float]]
+
+
 def read_mjcf(path: Path) -> Mechanism:
     """The mechanism in the MJCF file `path`, compiled by MuJoCo.
 
@@ -62,14 +77,7 @@ def read_mjcf(path: Path) -> Mechanism:
     Raises:
         UserError: if the package mujoco is missing, the file does not compile, or it has a free or ball joint, or passive forces that would be lost.
     """
-    try:
-        mujoco: Any = importlib.import_module("mujoco")
-    except ImportError as error:
-        raise UserError(f"{path}: reading MJCF needs the mujoco package; pip install 'mpge_bench[mjcf]'") from error
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise UserError(f"{path}: MuJoCo cannot read this model ({one_line(error)})") from error
+    mujoco, model = _compiled(path)
     for name, what in _REFUSED.items():
         if np.any(getattr(model, name, 0)):
             raise UserError(f"{path}: this model has {what}, which cannot be carried over from MJCF; take it out")
@@ -86,6 +94,43 @@ def read_mjcf(path: Path) -> Mechanism:
         {name: float(inertia) for name, inertia in zip(joints, model.dof_armature, strict=True) if inertia},
         {name: (float(stiffness), float(rest)) for name, stiffness, rest in zip(joints, model.jnt_stiffness, model.qpos_spring, strict=True) if stiffness},
     )
+
+
+def read_stated(path: Path) -> Stated:
+    """What the MJCF file `path` says that `read_mjcf` leaves to a rig: gravity, the step, and which joints have motors.
+
+    A servo is told from other motors by its gains, as ``<position>`` sets them. What goes through a gear, or has a bias of its own, passes for a torque.
+
+    Raises:
+        UserError: if the package mujoco is missing, or the file does not compile.
+    """
+    mujoco, model = _compiled(path)
+    motors = {}
+    for actuator in range(model.nu):
+        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+            joint = int(model.actuator_trnid[actuator][0])
+            kp, (offset, back, damping) = float(model.actuator_gainprm[actuator][0]), model.actuator_biasprm[actuator][:3].tolist()
+            is_servo = kp > 0 and back == -kp and damping <= 0 and offset == 0 and model.actuator_gear[actuator][0] == 1
+            motors[model.joint(joint).name or f"joint{joint}"] = (kp, 0.0 - damping) if is_servo else (0.0, 0.0)
+    x, y, z = model.opt.gravity.tolist()
+    return Stated((x, y, z), float(model.opt.timestep), motors)
+
+
+def _compiled(path: Path) -> tuple[Any, Any]:
+    """The package mujoco, and the model that it makes of `path`.
+
+    Raises:
+        UserError: if the package is missing, or the file does not compile.
+    """
+    try:
+        mujoco: Any = importlib.import_module("mujoco")
+    except ImportError as error:
+        raise UserError(f"{path}: reading MJCF needs the mujoco package; pip install 'mpge_bench[mjcf]'") from error
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise UserError(f"{path}: MuJoCo cannot read this model ({one_line(error)})") from error
+    return mujoco, model
 
 
 def _urdf(model: Any, name: str, bodies: list[str], joints: list[str], kinds: list[str]) -> str:

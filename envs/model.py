@@ -549,6 +549,14 @@ class Model:
                 for part in link.findall(tag):
                     link.remove(part)
 
+    def touch_what_is_seen(self) -> None:
+        """Give each link that nothing touches the shapes that it is seen by, so that it is known how much room it takes."""
+        for link in self._root.findall("link"):
+            for seen in link.findall("visual") if link.find("collision") is None else ():
+                touched = copy.deepcopy(seen)
+                touched.tag = "collision"
+                link.append(touched)
+
     def frictions(self) -> dict[str, float]:
         """Dry friction, N m, of each joint that has some."""
         found = {joint.attrib["name"]: self._number(joint, "dynamics", "friction") for joint in self._root.findall("joint")}

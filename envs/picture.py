@@ -6,6 +6,7 @@ import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,8 @@ _LIMBS = ((0.18, 0.45, 0.70), (0.85, 0.50, 0.17), (0.25, 0.58, 0.39), (0.68, 0.2
 _FINE = 2
 #: What is seen at a distance of 1 m is at least so far, m, above, below and to the sides of what the camera looks at.
 _ABOVE, _ASIDE = 0.36, 0.48
+#: Radius of the rods that stand for links without shapes, as a share of the longest.
+_SLENDER = 0.04
 _NEAR, _FAR = 0.02, 60.0
 #: Of radius 1 m.
 _BALL = BULLET_DATA / "sphere_smooth.obj"
@@ -29,9 +32,12 @@ _BALL = BULLET_DATA / "sphere_smooth.obj"
 def visible(urdf: bytes) -> bytes:
     """A URDF file made to be looked at: what can be touched can be seen, balls and capsules are round, and what has no colour gets one.
 
-    PyBullet draws these as coarse polyhedra, so that a finer ball that comes with it, and a cylinder between two of them, take their place.
+    PyBullet draws these as coarse polyhedra, so that a finer ball that comes with it, and a cylinder between two of them, take their place. Where nothing
+    has a shape, rods from joint to joint, and to the centre of mass of the last link, stand for the links.
     """
     root = ET.fromstring(urdf)
+    if root.find("link/visual") is None and root.find("link/collision") is None:
+        _add_rods(root)
     colours = _colours(root)
     for link in root.findall("link"):
         visuals = link.findall("visual")
@@ -53,6 +59,39 @@ def visible(urdf: bytes) -> bytes:
             for ball in visual.findall("geometry/sphere"):
                 _make_fine(ball)
     return ET.tostring(root)
+
+
+def _add_rods(root: ET.Element) -> None:
+    """Give each link a rod from its joint to each that it carries, or to its centre of mass, with a ball there, if it carries none."""
+    ends: dict[str, list[str]] = {}
+    for joint in root.findall("joint"):
+        ends.setdefault(joint.find("parent").attrib["link"], []).append(_place(joint))  # type: ignore[union-attr]
+    rods = []
+    for link in root.findall("link"):
+        inertial = link.find("inertial")
+        carried = ends.get(link.attrib["name"])
+        for end in carried or ([] if inertial is None else [_place(inertial)]):
+            along = np.array([float(value) for value in end.split()])
+            rods.append((link, along, float(np.linalg.norm(along)), not carried))
+    radius = _SLENDER * max((length for *_, length, _ in rods), default=0.0) or _SLENDER
+    for link, along, length, is_last in rods:
+        if is_last:
+            _add_shape(link, along, (0.0, 0.0, 0.0), "sphere", radius=2 * radius)
+        if length > radius:
+            x, y, z = (along / length).tolist()
+            _add_shape(link, along / 2, (0.0, math.acos(max(-1.0, min(1.0, z))), math.atan2(y, x)), "capsule", radius=radius, length=length)
+
+
+def _place(element: ET.Element) -> str:
+    """Where a joint, or a centre of mass, is in its link's frame, m."""
+    origin = element.find("origin")
+    return "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+
+
+def _add_shape(link: ET.Element, place: npt.NDArray[np.float64], turn: Sequence[float], shape: str, **sizes: float) -> None:
+    visual = ET.SubElement(link, "visual")
+    ET.SubElement(visual, "origin", xyz=" ".join(map(str, place)), rpy=" ".join(map(str, turn)))
+    ET.SubElement(ET.SubElement(visual, "geometry"), shape, {key: str(value) for key, value in sizes.items()})
 
 
 def _rounded(visual: ET.Element, length: float, radius: float) -> list[ET.Element]:
@@ -121,6 +160,19 @@ def _below(link: str, children: dict[str, list[str]], bare: set[str], depth: int
 def distance_for(wide: float, high: float) -> float:
     """How far off, m, a picture shows something `wide` and `high`, m, with little to spare."""
     return 1.1 * max(wide / 2 / _ASIDE, high / 2 / _ABOVE, 0.1)
+
+
+def camera_round(room: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]) -> dict[str, Any]:
+    """From where `picture` shows well what takes up `room`, the lowest and highest x, y, z, m: a flat thing from before it, others from a corner."""
+    low, high = room
+    x, y, z = (high - low).tolist()
+    at = tuple(((low + high) / 2).tolist())
+    if y < 0.4 * x:
+        return {"at": at, "distance": distance_for(x, z) + y / 2, "pitch": -8.0}
+    if x < 0.4 * y:
+        return {"at": at, "distance": distance_for(y, z) + x / 2, "yaw": 90.0, "pitch": -8.0}
+    across = math.hypot(x, y)
+    return {"at": at, "distance": distance_for(0.9 * across, z + 0.35 * across), "yaw": 30.0, "pitch": -20.0 if z > 0.3 * across else -50.0}
 
 
 def picture(client: int, width: int, height: int, *, at: Sequence[float], distance: float, yaw: float, pitch: float, up: Sequence[float]) -> Image:

@@ -2,35 +2,42 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from mpge_bench import completion
 from mpge_bench.concealed.commands import app as concealed
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.plain import as_json as plain_json
+from mpge_bench.rig.commands import app as rigs
+from mpge_bench.rig.folder import PREDICTED
+
+if TYPE_CHECKING:
+    from mpge_bench.leaderboard.tables import Sheet
 
 app = typer.Typer(
     help="Transfer policies across a dynamics mismatch (run, sweep), and explain the mismatch between a simulator and recordings (diagnose, simulate).",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.add_typer(concealed, name="concealed")
+app.add_typer(rigs, name="rig")
 _out = Console(highlight=False, markup=False)
 
 #: Characters that a normalised return of 1 is drawn with.
 _BAR = 10
 _TASK_HELP = "Source/target pair; `tasks` lists them."
+_PAGE_HELP = "Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own."
 _METHOD_HELP = "Transfer method; `methods` lists them. Or your own: my_package.mine:MyMethod."
 _PRESET_HELP = "smoke (seconds, a test of the plumbing), standard (minutes), paper (the papers' budgets: hours to days); `methods` lists any others."
 _SET_HELP = "Change a setting of the preset, KEY=VALUE, for instance agent.steps=100000; may be given several times. A wrong KEY names those there are."
@@ -41,15 +48,16 @@ _CONFIG_HELP = (
     "Run what this result.json holds again, its settings and all; with --out and --jobs only. A pair or a method in a module of yours is imported if --task or"
     " --method names it, too."
 )
+_JSON_HELP = "Print the same figures as JSON, for programs, and nothing else; what is not known is null."
 _POLICIES_HELP = "Folder with the source and target-optimal policies, if not the shipped ones."
 
 
 @app.command()
 def run(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)] = "broken_hopper",
-    method: Annotated[str, typer.Option(help=_METHOD_HELP)] = "mpge",
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)] = "broken_hopper",
+    method: Annotated[str, typer.Option(help=_METHOD_HELP, autocompletion=completion.methods)] = "mpge",
     samples: Annotated[int, typer.Option(min=1, help="Target transitions the method may collect.")] = 1000,
-    preset: Annotated[str, typer.Option(help=_PRESET_HELP)] = "standard",
+    preset: Annotated[str, typer.Option(help=_PRESET_HELP, autocompletion=completion.presets)] = "standard",
     seed: Annotated[int, typer.Option(min=0, help="Repeats a run; also says which source policy the agent starts from.")] = 0,
     changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
     rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
@@ -59,6 +67,7 @@ def run(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json, and the folder that it is in, for programs, and nothing else.")] = False,
 ) -> None:
     """Run one method on one pair, measure it and print what came out.
 
@@ -83,14 +92,16 @@ def run(
         settings = harness.RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
         chosen = settings.effective()
     folder = settings.folder(out)
-    present = harness.present_result(settings, out, chosen)
-    if present:
+    result = harness.present_result(settings, out, chosen)
+    if result and not as_json:
         _out.print(f"{folder} holds the result of this run already:")
-        _show(present, folder)
-        return
-    with ConsoleProgress() as progress:
-        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
-    _show(result, folder)
+    if not result:
+        with ConsoleProgress() as progress:
+            result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
+    if as_json:
+        print(plain_json({"folder": folder, **result}))
+    else:
+        _show(result, folder)
 
 
 def _overrides(changes: list[str] | None, rollouts: str | None, divergence: str | None) -> tuple[str, ...]:
@@ -100,10 +111,10 @@ def _overrides(changes: list[str] | None, rollouts: str | None, divergence: str 
 
 @app.command()
 def sweep(
-    task: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _TASK_HELP)] = None,
-    method: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _METHOD_HELP)] = None,
+    task: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _TASK_HELP, autocompletion=completion.tasks)] = None,
+    method: Annotated[list[str] | None, typer.Option(help="May be given several times. " + _METHOD_HELP, autocompletion=completion.methods)] = None,
     samples: Annotated[list[int] | None, typer.Option(min=1, help="May be given several times; 1000 if not given.")] = None,
-    preset: Annotated[str | None, typer.Option(help=_PRESET_HELP + " standard if not given.")] = None,
+    preset: Annotated[str | None, typer.Option(help=_PRESET_HELP + " standard if not given.", autocompletion=completion.presets)] = None,
     seeds: Annotated[int | None, typer.Option(min=1, help="Seeds 0 to SEEDS - 1; 3 if not given.")] = None,
     changes: Annotated[list[str] | None, typer.Option("--set", help=_SET_HELP)] = None,
     rollouts: Annotated[str | None, typer.Option(help=_ROLLOUTS_HELP)] = None,
@@ -115,6 +126,7 @@ def sweep(
     jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = os.cpu_count() or 1,
     engine: Annotated[str, typer.Option(help="local: processes of this machine; ray: Ray's (the extra called ray).")] = "local",
     address: Annotated[str | None, typer.Option(help="With --engine ray: a cluster, all of whose cores are used. Its machines have to share OUT.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Run every combination of the given tasks, methods, sample sizes and seeds, and print the table.
 
@@ -155,20 +167,23 @@ def sweep(
             progress.console.print(f"{one.settings.folder(Path())}: {said}", markup=False, soft_wrap=True)
             progress.advance(0 if one.again else 1)
 
-        _out.print(plan.words(chosen.processes), soft_wrap=True)
+        (progress.console if as_json else _out).print(plan.words(chosen.processes), soft_wrap=True)
         if plan.missing:
             progress.stage(f"{len(plan.missing)} runs", len(plan.missing))
             make(plan.missing, out, policies, chosen, tell)
     results = collect(out)
-    for sheet in sheets(results) if len(results) else ():
-        _wide().print(sheet.table())
+    tables = sheets(results) if len(results) else []
+    if as_json:
+        print(plain_json({"runs": len(plan.missing), "failed": failed, "tables": [sheet.data() for sheet in tables]}))
+    else:
+        _print_sheets(tables)
     if failed:
         raise UserError(f"{len(failed)} of {len(plan.missing)} runs failed, first {failed[0]}")
 
 
 @app.command("train-policies")
 def train_policies(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     kind: Annotated[
         str, typer.Option(help="source, target, both, or er: the entropy-regularised set, whose policies are trained one after the other.")
     ] = "both",
@@ -224,11 +239,16 @@ def _train_quietly(call: tuple[str, str, int, Path]) -> Path:
 
 @app.command()
 def diagnose(
-    rig: Annotated[Path | None, typer.Option(help="What the simulator believes: a rig in YAML (docs/recordings.md).")] = None,
+    folder: Annotated[Path | None, typer.Argument(help="With rig.yaml and recordings (*.csv, *.parquet) in it, all of which are taken.")] = None,
+    rig: Annotated[Path | None, typer.Option(help="In its place: what the simulator believes, a rig in YAML (docs/recordings.md).")] = None,
     recording: Annotated[
-        list[str] | None, typer.Option(help="CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out.")
+        list[str] | None,
+        typer.Option(help="With --rig: CSV or Parquet file or a pattern in quotes; may be given several times. The last quarter is held out."),
     ] = None,
-    task: Annotated[str | None, typer.Option(help="In their place: a benchmark pair, whose target is to be found out. " + _TASK_HELP)] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(help="In the place of both: a benchmark pair, whose target is to be found out. " + _TASK_HELP, autocompletion=completion.tasks),
+    ] = None,
     samples: Annotated[int, typer.Option(min=30, help="With --task: target transitions to draw, as any method draws them.")] = 1000,
     noise: Annotated[float, typer.Option(min=0.0, help="With --task: noise of the sensors, as a share of each entry's spread, such as 0.01.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="With --task: repeats the draw.")] = 0,
@@ -260,6 +280,8 @@ def diagnose(
 ) -> None:
     """Say where simulator and recordings disagree, what physics was left out, and how much better the simulator gets with it.
 
+    Example: python -m mpge_bench diagnose arm/ --out report/
+
     Example: python -m mpge_bench diagnose --rig rig.yaml --recording 'train_*.csv' --out report/
 
     Example: python -m mpge_bench diagnose --task broken_hopper --samples 1000
@@ -270,8 +292,9 @@ def diagnose(
     Where recordings of a mechanism leave several answers, or too little data is there, next_experiment.csv has commands (time, u_JOINT) that would tell them
     apart, within your limits; give what they record as the first --recording.
     """
-    if (rig is None or not recording) if task is None else (rig is not None or bool(recording)):
-        raise UserError("diagnose takes either --rig and --recording, or --task; give one of the two (--help has examples)")
+    given = [name for name, there in (("folder", folder), ("files", rig), ("files", recording), ("task", task)) if there]
+    if len(set(given)) != 1 or given == ["files"]:
+        raise UserError("diagnose takes a folder, or --rig and --recording, or --task; give one of the three (--help has examples)")
     if task is not None:
         _diagnose_pair(task, samples, noise, seed, transitions, out, 300.0 if seconds is None else seconds, jobs, policies)
         return
@@ -281,7 +304,10 @@ def diagnose(
     from mpge_bench.diagnosis.pipeline import diagnose_files
     from mpge_bench.diagnosis.report.simulators import MODELS
     from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
+    from mpge_bench.rig.folder import case_in
 
+    if folder is not None:
+        rig, recording = case_in(folder)
     assert rig is not None
     assert recording is not None
     if seconds is None:
@@ -333,6 +359,7 @@ def excite(
     draws: Annotated[int, typer.Option(min=1, help="Motions that are tried.")] = 60,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Design commands for your robot to play, so that what is recorded tells the effects of the catalogue, and tells them apart.
 
@@ -350,6 +377,9 @@ def excite(
     with ConsoleProgress() as progress:
         commands, told = designed(believed, limits_of(believed, position, speed, command), seconds, recordings, draws, seed, jobs, progress)
     write(believed, commands, told, out)
+    if as_json:
+        print(plain_json(told))
+        return
     table = Table("effect", "at", "parameter", "standard error beside the others", "of random motions", box=None)
     for one in told:
         error, usual = (f"{value:.3g} {one.unit}".removesuffix(" 1") if math.isfinite(value) else "not told" for value in (one.error, one.usual))
@@ -360,7 +390,7 @@ def excite(
 
 @app.command()
 def record(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     out: Annotated[Path, typer.Option(help="Folder for the recordings.")] = Path("recordings"),
     source: Annotated[bool, typer.Option("--source", help="Record the pair's source (nothing to find) instead of its target.")] = False,
     episodes: Annotated[int, typer.Option(min=1, help="One file each.")] = 4,
@@ -410,7 +440,7 @@ def record(
 
 @app.command()
 def collect(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)],
     out: Annotated[Path, typer.Option(help="File for the transitions, .npz, or (anything else) folder for a Minari data set.")],
     samples: Annotated[int, typer.Option(min=1, help="Target transitions to draw, as any method draws them.")] = 1000,
     noise: Annotated[float, typer.Option(min=0.0, help=_NOISE_HELP)] = 0.0,
@@ -488,7 +518,8 @@ def simulate(
     rig: Annotated[Path, typer.Option(help="YAML file of the mechanism, such as the corrected.yaml that `diagnose` writes.")],
     recording: Annotated[Path, typer.Option(help="CSV or Parquet file with time, u_JOINT, q_JOINT and, if measured, dq_JOINT.")],
     horizon: Annotated[float, typer.Option(help="Seconds from one restart to the next.")] = 0.5,
-    out: Annotated[Path, typer.Option(help="CSV (or, if named .parquet, Parquet) file for the prediction; replaced if it is there.")] = Path("predicted.csv"),
+    out: Annotated[Path, typer.Option(help="CSV (or, if named .parquet, Parquet) file for the prediction; replaced if it is there.")] = Path(PREDICTED),
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Predict a recording with a rig: how far is the simulator from the real system?
 
@@ -507,11 +538,6 @@ def simulate(
 
     believed = read_rig(rig)
     real = read_recording(recording, believed)
-    period = float(np.median(np.diff(real.time)))
-    if not horizon > period:
-        raise UserError(
-            f"a horizon of {horizon} s is no longer than the {period:.4g} s from row to row, so nothing would be predicted; give --horizon 0.5, say"
-        )
     if out.resolve() in (recording.resolve(), rig.resolve()):
         raise UserError(f"{out}: would be overwritten, but it is what the prediction is made from; choose another file with --out")
     predicted = simulated(believed, real, horizon)
@@ -519,8 +545,12 @@ def simulate(
     for prefix, values in (("q", predicted.q), ("dq", predicted.dq)):
         columns |= {name: values[:, column] for column, name in enumerate(believed.columns[prefix])}
     write_table(pd.DataFrame(columns), out)
+    missed = errors(predicted, real, believed)
+    if as_json:
+        print(plain_json([dict(zip(("name", "unit", "q", "dq"), one, strict=True)) for one in missed]))
+        return
     drawn = Table("joint" if believed.joints else "", "RMS error of q", "RMS error of dq")
-    for name, unit, position, speed in errors(predicted, real, believed):
+    for name, unit, position, speed in missed:
         drawn.add_row(name, f"{position:.4g} {unit}", f"{speed:.4g} {unit}/s" if np.isfinite(speed) else "not measured")
     _out.print(drawn)
     _out.print(f"Written to {out}: {len(real.time)} rows, restarted every {horizon:g} s", soft_wrap=True)
@@ -554,7 +584,10 @@ def export(
 
 @app.command()
 def render(
-    task: Annotated[str, typer.Option(help=_TASK_HELP)],
+    task: Annotated[str | None, typer.Option(help=_TASK_HELP, autocompletion=completion.tasks)] = None,
+    rig: Annotated[list[Path] | None, typer.Option(help="In its place: a rig that predicts RECORDING; may be given several times, a side each.")] = None,
+    recording: Annotated[Path | None, typer.Option(help="With --rig: CSV or Parquet file, the motion of which is shown first.")] = None,
+    horizon: Annotated[float, typer.Option(help="With --rig: seconds from one restart to the next, as `simulate` has them.")] = 0.5,
     policy: Annotated[
         str,
         typer.Option(
@@ -562,32 +595,49 @@ def render(
             " or the path of a policy.safetensors, such as `run` writes."
         ),
     ] = "source",
-    out: Annotated[Path | None, typer.Option(help="Name of the film, .gif or .mp4 (smaller); TASK.gif if not given. Replaced if it is there.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Name of the film, .gif or .mp4 (smaller); TASK.gif or RECORDING.gif, here, if not given. Replaced if it is there.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the start and of random actions; also says which of the source or target policies acts.")] = 0,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Longest duration, s; at most the task's own length.")] = 5.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Longest duration, s; at most the task's, or the recording's, own length.")] = 5.0,
     width: Annotated[int, typer.Option(min=160, max=1920, help="Of each side's picture, pixels.")] = 400,
     height: Annotated[int, typer.Option(min=120, max=1440, help="Of each side's picture, pixels.")] = 300,
     fps: Annotated[int, typer.Option(min=1, max=50, help="Pictures a second; the film plays in real time.")] = 25,
     policies: Annotated[Path | None, typer.Option(help=_POLICIES_HELP)] = None,
 ) -> None:
-    """Show source and target side by side under the same policy, as a GIF or MP4; needs no display.
+    """Show source and target side by side under the same policy, or a recording beside what rigs make of it, as a GIF or MP4; needs no display.
 
     Example: python -m mpge_bench render --task ant_gravity --policy random --out ant.gif
 
-    Both sides start from the same seed and get actions from the same policy (its mean), so that what differs is the physics. A side whose episode the
-    task ends (the robot fell) stays on its last picture, marked so. MP4 needs imageio and imageio-ffmpeg, the extra named video.
-    """
-    from mpge_bench import render as renderer
-    from mpge_bench.console import ConsoleProgress
-    from mpge_bench.policies import home
+    Example: python -m mpge_bench render --rig rig.yaml --rig report/corrected.yaml --recording test.csv
 
-    settings = renderer.RenderSettings(task, policy, seed, seconds, width, height, fps)
-    path = out or Path(f"{get_task(task).name}.gif")
+    Source and target start from the same seed and get actions from the same policy (its mean), so that what differs is the physics. A side whose episode the
+    task ends (the robot fell) stays on its last picture, marked so. Rigs run the recording's own commands and restart from the recorded state every HORIZON
+    seconds. MP4 needs imageio and imageio-ffmpeg, the extra named video.
+    """
+    if (rig is None or recording is None) if task is None else (rig is not None or recording is not None):
+        raise UserError("render takes either --task, or --rig and --recording; give one of the two (--help has examples)")
+    from mpge_bench.console import ConsoleProgress
+
     with ConsoleProgress() as progress:
-        film = renderer.render(settings, path, policy_folder=policies or home(task), progress=progress)
-    for side, episode in (("source", film.source), ("target", film.target)):
-        over = ", where the task ended the episode" if episode.ended else ""
-        _out.print(f"{side}: return {episode.returns[-1]:.2f} in {episode.duration:.2f} s{over}")
+        if task is None:
+            from mpge_bench.film import Format
+            from mpge_bench.render_recording import render_recording
+
+            assert rig is not None
+            assert recording is not None
+            path = out or Path(f"{recording.stem}.gif")
+            film = render_recording(rig, recording, path, horizon, seconds, Format(width, height, fps), progress)
+        else:
+            from mpge_bench import render as renderer
+            from mpge_bench.policies import home
+
+            path = out or Path(f"{get_task(task).name}.gif")
+            settings = renderer.RenderSettings(task, policy, seed, seconds, width, height, fps)
+            film = of_pair = renderer.render(settings, path, policy_folder=policies or home(task), progress=progress)
+            for side, episode in (("source", of_pair.source), ("target", of_pair.target)):
+                over = ", where the task ended the episode" if episode.ended else ""
+                _out.print(f"{side}: return {episode.returns[-1]:.2f} in {episode.duration:.2f} s{over}")
     size = path.stat().st_size / 1e6
     _out.print(f"Written to {path}: {film.frames} pictures of {film.size[0]} × {film.size[1]}, {film.duration:.2f} s, {size:.2g} MB", soft_wrap=True)
 
@@ -596,6 +646,7 @@ def render(
 def leaderboard(
     results: Annotated[Path | None, typer.Argument(help="Folder with result.json files, at any depth; leaderboard/results if not given.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
     plots: Annotated[Path | None, typer.Option(help="Folder for the same as pictures.")] = None,
     html: Annotated[Path | None, typer.Option(help="File for the same as one page for a browser: to sort, to filter, with each run's settings.")] = None,
     update: Annotated[bool, typer.Option("--update", help="Write the project's own page, leaderboard/README.md, and its plots anew; in a checkout.")] = False,
@@ -618,20 +669,24 @@ def leaderboard(
     from mpge_bench.leaderboard.tables import sheets
 
     if update:
-        if results or plots or html or markdown:
+        if results or plots or html or markdown or as_json:
             raise UserError("--update writes the page of leaderboard/results; give it alone, or leave it out to see other results")
         for path in page.update(page.OWN):
             _out.print(f"{path}: written", markup=False, soft_wrap=True)
         return
+    if markdown and as_json:
+        raise UserError("--markdown and --json are two ways to print; give one of them")
     folder = results or Path("leaderboard/results")
     found = collect(folder)
     if not len(found):
         raise UserError(f"{folder}: no result.json below it; `python -m mpge_bench run --out {folder}` makes one")
-    for sheet in sheets(found):
-        if markdown:
+    if as_json:
+        print(plain_json([sheet.data() for sheet in sheets(found)]))
+    elif markdown:
+        for sheet in sheets(found):
             print(sheet.markdown())
-        else:
-            _wide().print(sheet.table())
+    else:
+        _print_sheets(sheets(found))
     if plots:
         from mpge_bench.leaderboard.plots import draw
 
@@ -651,6 +706,7 @@ def leaderboard(
 def verify(
     results: Annotated[list[Path], typer.Argument(help="Result files, or folders with results below them.")],
     form: Annotated[bool, typer.Option("--form", help="Look at files and entries alone; nothing is measured again.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Check results: their form, their physics, and their figures, measured again from the policies and groundings that lie beside them.
 
@@ -663,22 +719,24 @@ def verify(
     result.json. Exit status 1 if something is wrong.
     """
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.leaderboard.verify import faults, measured_again, results_in
+    from mpge_bench.leaderboard.verify import results_in, verified
 
-    wrong, paths = 0, results_in(results)
-    drawn = Table("result", "what", "stated", "found", "may differ by", "")
     with ConsoleProgress("verify") as progress:
-        for path in paths:
-            found = faults(path)
-            checks = [] if form or found else measured_again(path, progress)
-            wrong += bool(found) or not all(one.agrees for one in checks)
-            for line in found:
-                drawn.add_row(str(path.parent), line, "", "", "", "wrong")
-            for one in checks:
-                drawn.add_row(str(path.parent), one.what, f"{one.stated:.5g}", f"{one.found:.5g}", f"{one.within:.2g}", "" if one.agrees else "wrong")
-    if drawn.row_count:
-        _wide().print(drawn)
-    _out.print(f"{len(paths) - wrong} of {len(paths)} results are in order.")
+        found = [verified(path, form, progress) for path in results_in(results)]
+    wrong = sum(not one.in_order for one in found)
+    if as_json:
+        print(plain_json([one.data() for one in found]))
+    else:
+        drawn = Table("result", "what", "stated", "found", "may differ by", "")
+        for one in found:
+            for line in one.faults:
+                drawn.add_row(str(one.path.parent), line, "", "", "", "wrong")
+            for check in one.checks:
+                figures = (f"{check.stated:.5g}", f"{check.found:.5g}", f"{check.within:.2g}", "" if check.agrees else "wrong")
+                drawn.add_row(str(one.path.parent), check.what, *figures)
+        if drawn.row_count:
+            _wide().print(drawn)
+        _out.print(f"{len(found) - wrong} of {len(found)} results are in order.")
     if wrong:
         raise typer.Exit(1)
 
@@ -687,6 +745,7 @@ def verify(
 def compare(
     one: Annotated[Path, typer.Argument(help="Folder with results.")],
     other: Annotated[Path, typer.Argument(help="Folder with results to hold them against.")],
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
 ) -> None:
     """Say whether two sets of results differ beyond chance.
 
@@ -700,14 +759,18 @@ def compare(
     from mpge_bench.leaderboard.results import collect
 
     found = compared(collect(one), collect(other))
-    _wide().print(found.sheet((str(one), str(other))).table())
+    names = str(one), str(other)
+    if as_json:
+        print(plain_json(found.data(names)))
+        return
+    _wide().print(found.sheet(names).table())
     _out.print(found.verdict(), markup=False, soft_wrap=True)
 
 
 @app.command()
 def tasks(
-    task: Annotated[str | None, typer.Argument(help="Show this pair's page: a listed one, one of a family (multipolar_hopper_17) or your own.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")] = False,
+    task: Annotated[str | None, typer.Argument(help=_PAGE_HELP, autocompletion=completion.tasks)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help=_JSON_HELP)] = False,
     update: Annotated[bool, typer.Option("--update", help="Write the table of docs/pairs.md anew; in a checkout.")] = False,
 ) -> None:
     """List the source/target pairs, or show one pair's page: what differs, where it is from, and how large the mismatch is.
@@ -727,7 +790,7 @@ def tasks(
     if task is None:
         found = pairs.overview()
         if as_json:
-            print(json.dumps(found, indent=1))
+            print(plain_json(found))
         else:
             _wide().print(pairs.table(found))
             _wide().print(pairs.families_table())
@@ -735,14 +798,16 @@ def tasks(
     with ConsoleProgress() as progress:
         page = pairs.page(get_task(task), progress)
     if as_json:
-        print(json.dumps(page, indent=1))
+        print(plain_json(page))
     else:
         _out.print(pairs.text(page), markup=False, soft_wrap=True)
 
 
 @app.command()
 def methods(
-    method: Annotated[str | None, typer.Argument(help="Only this method: a listed one, or your own: my_package.mine:MyMethod.")] = None,
+    method: Annotated[
+        str | None, typer.Argument(help="Only this method: a listed one, or your own: my_package.mine:MyMethod.", autocompletion=completion.methods)
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for programs: also whether it draws samples, its presets and its settings.")] = False,
     update: Annotated[bool, typer.Option("--update", help="Write the table of docs/methods.md anew; in a checkout.")] = False,
 ) -> None:
@@ -761,7 +826,7 @@ def methods(
         return
     found = [described(name) for name in ([method] if method else ADDRESSES)]
     if as_json:
-        print(json.dumps(found, indent=1))
+        print(plain_json(found))
         return
     drawn, words = (Table(*columns) for columns in (("method", "what it does", "from", "uses", "presets"), ("uses", "which means")))
     for one in found:
@@ -777,6 +842,11 @@ def _update(page: str) -> None:
     from mpge_bench import pages
 
     _out.print(f"{pages.update(page)}: written", markup=False, soft_wrap=True)
+
+
+def _print_sheets(sheets: Sequence[Sheet]) -> None:
+    for sheet in sheets:
+        _wide().print(sheet.table())
 
 
 def _wide() -> Console:
@@ -838,8 +908,9 @@ def main() -> None:
     """Run the command line. What the user can put right ends with one line and exit status 2, Ctrl-C with 130."""
     # Killed, it clears up as after Ctrl-C: workers end, nothing half-made stays.
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    about_completion = any(one.startswith(completion.ASKED) for one in sys.argv[1:2])
     try:
-        app()
+        app(prog_name=completion.PROGRAM if about_completion else None)
     except UserError as error:
         print(f"mpge_bench: {one_line(error)}", file=sys.stderr)
         sys.exit(2)

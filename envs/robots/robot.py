@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from mpge_bench.envs.effects import LinkSize
 from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.layout import BASE_DQ
 from mpge_bench.envs.model import Model
-from mpge_bench.envs.picture import distance_for
+from mpge_bench.envs.picture import camera_round, distance_for
 from mpge_bench.envs.world import Loop, World
 
 Array = npt.NDArray[np.float64]
@@ -141,15 +140,7 @@ class Robot(ABC):
 
     def camera(self, q: Array, room: tuple[Array, Array]) -> dict[str, Any]:
         """From where `World.render` shows the robot, which takes up `room`, well."""
-        low, high = room
-        x, y, z = (high - low).tolist()
-        at = tuple(((low + high) / 2).tolist())
-        if y < 0.4 * x:
-            return {"at": at, "distance": distance_for(x, z) + y / 2, "pitch": -8.0}
-        if x < 0.4 * y:
-            return {"at": at, "distance": distance_for(y, z) + x / 2, "yaw": 90.0, "pitch": -8.0}
-        across = math.hypot(x, y)
-        return {"at": at, "distance": distance_for(0.9 * across, z + 0.35 * across), "yaw": 30.0, "pitch": -20.0 if z > 0.3 * across else -50.0}
+        return camera_round(room)
 
     @abstractmethod
     def initial_state(self, rng: np.random.Generator) -> tuple[Array, Array]:

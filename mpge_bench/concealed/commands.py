@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from fnmatch import fnmatch
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.plain import as_json as plain_json
 
 app = typer.Typer(
     help="Prove a diagnosis: cases whose physics is concealed, made in MuJoCo (make), any diagnoser scored on them (score), and known alterations of measured"
@@ -89,7 +89,7 @@ def score(
         rows = scored(cases, out, jobs, progress)
     write(rows, f"{diagnoser or 'mpge_bench diagnose'} on {folder.name}", out)
     if as_json:
-        typer.echo(json.dumps(rows, indent=1))
+        typer.echo(plain_json(rows))
         return
     heads, cells = table(rows)
     shown = Table(*heads, box=None)
@@ -112,6 +112,7 @@ def spike(
     diagnoser: Annotated[str | None, typer.Option(help="package.module:Class of your own; what it has to do stands in mpge_bench.concealed.answer.")] = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="Time budget of each diagnosis, in one process.")] = 150.0,
     jobs: Annotated[int, typer.Option(min=1, help="Diagnoses side by side.")] = _JOBS,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON list, a spike each, and nothing else.")] = False,
 ) -> None:
     """Put known alterations into your own recordings, and see whether a diagnosis finds them. Stopped, it goes on where it was.
 
@@ -138,6 +139,9 @@ def spike(
         reference = spiked.diagnosed(found, rig, recording, out, diagnoser or OURS, seconds, jobs, progress)
     rows = spiked.rows_of(found, out, reference)
     spiked.write(rows, f"Spikes in {rig.resolve().parent.name}, {diagnoser or 'mpge_bench diagnose'}", out)
+    if as_json:
+        typer.echo(plain_json(rows))
+        return
     for name, value in spiked.lines(rows):
         _out.print(f"{name}: {value}", soft_wrap=True)
     _out.print(f"Written to {out}: index.html (open it in a browser), spikes.parquet")

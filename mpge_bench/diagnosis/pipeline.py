@@ -38,6 +38,7 @@ from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
 
 #: Of an experiment that goes by what the recordings reached.
@@ -128,8 +129,13 @@ def simulated(rig: Rig, recording: Recording, horizon: float) -> Recording:
     """The recording as `rig` predicts it, restarted from the recorded state every `horizon` seconds.
 
     Raises:
-        UserError: if the simulation becomes unstable, or rows do not come as it needs them.
+        UserError: if the simulation becomes unstable, `horizon` is no longer than from row to row, or rows do not come as it needs them.
     """
+    period = float(np.median(np.diff(recording.time)))
+    if not horizon > period:
+        raise UserError(
+            f"a horizon of {horizon} s is no longer than the {period:.4g} s from row to row, so nothing would be predicted; give --horizon 0.5, say"
+        )
     return simulate(rig, recording, horizon) if rig.is_tree else predicted(rig, recording, horizon)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from mpge_bench.envs.errors import UserError
-from mpge_bench.leaderboard.estimates import Scores, improvements, interquartile_means
+from mpge_bench.leaderboard.estimates import Cell, Scores, improvements, interquartile_means
 from mpge_bench.leaderboard.tables import Sheet
 
 #: Below it a difference is said to be one.
@@ -55,11 +56,16 @@ class Compared:
         better = improvements([(row.one[:, None], row.other[:, None]) for row in self.rows])
         sides = [interquartile_means([getattr(row, side) for row in self.rows]) for side in ("one", "other")]
         rows = [
-            [row.name, str(len(row.one)), first.text(2), str(len(row.other)), second.text(2), more.text(2), f"{row.p_value():.2g}"]
-            for row, first, second, more in zip(self.rows, *sides, better, strict=True)
+            [row.name, _count(row.one), first.text(2), _count(row.other), second.text(2), more.text(2), Cell(f"{p:.2g}", p)]
+            for row, first, second, more, p in zip(self.rows, *sides, better, map(Row.p_value, self.rows), strict=True)
         ]
         note = "Normalised returns: interquartile means over runs, in brackets 95% bootstrap intervals, or with fewer than five runs their values."
         return Sheet(f"{names[0]} against {names[1]}", ["pair", "runs", "first", "runs", "second", "P(first better)", "p"], rows, note)
+
+    def data(self, names: tuple[str, str]) -> dict[str, Any]:
+        """For programs: the table's figures, and over all rows the verdict with its own."""
+        figures = {"p": self.p_value(), "smallest_possible_p": self.least(), "difference": self.difference()}
+        return {**self.sheet(names).data(), "verdict": self.verdict(), **figures}
 
     def verdict(self) -> str:
         """In a line."""
@@ -104,6 +110,10 @@ def _row(one: pd.DataFrame, other: pd.DataFrame) -> Row:
     names = [" ".join([str(found["method"].iloc[0]), f"n{found['samples'].iloc[0]}", str(found["variant"].iloc[0])]) for found in (one, other)]
     scores = [found.sort_values("seed")["normalized_return"].to_numpy(float) for found in (one, other)]
     return Row(f"{one['task'].iloc[0]}: {' against '.join(dict.fromkeys(names))}", *scores)
+
+
+def _count(runs: Scores) -> Cell:
+    return Cell(str(len(runs)), len(runs))
 
 
 def _chance(rows: Sequence[Row]) -> float:

@@ -22,6 +22,17 @@ FEWEST_RUNS = 5
 _RESAMPLES, _SEED = 2000, 0
 
 
+class Cell(str):
+    """What a table shows, for people, with the figure that it stands for, for programs: a number, or several by their names."""
+
+    data: Any
+
+    def __new__(cls, text: str, data: Any) -> Cell:
+        made = super().__new__(cls, text)
+        made.data = data
+        return made
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A figure with its interval.
@@ -36,13 +47,16 @@ class Estimate:
     bounds: tuple[float, float] | None = None
     points: tuple[float, ...] = ()
 
-    def text(self, digits: int) -> str:
+    def text(self, digits: int) -> Cell:
         """``0.52 (0.31 to 0.70)``, with too few runs for that ``0.52 (0.31, 0.55, 0.70)``; a dash for what could not be measured."""
         if np.isnan(self.value):
-            return "–"
+            return Cell("–", {"value": self.value})
+        value = _plain(self.value, digits)
         if self.bounds:
-            return "{} ({} to {})".format(*(_plain(one, digits) for one in (self.value, *self.bounds)))
-        return _plain(self.value, digits) + (f" ({', '.join(_plain(point, digits) for point in self.points)})" if len(self.points) > 1 else "")
+            low, high = self.bounds
+            return Cell(f"{value} ({_plain(low, digits)} to {_plain(high, digits)})", {"value": self.value, "low": low, "high": high})
+        runs = f" ({', '.join(_plain(point, digits) for point in self.points)})" if len(self.points) > 1 else ""
+        return Cell(value + runs, {"value": self.value, "runs": self.points})
 
 
 def _plain(value: float, digits: int) -> str:

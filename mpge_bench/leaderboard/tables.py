@@ -13,7 +13,7 @@ from rich.table import Table
 from mpge_bench import markdown
 from mpge_bench.harness.perfect import Perfect
 from mpge_bench.leaderboard import papers
-from mpge_bench.leaderboard.estimates import Estimate, interquartile_mean, interquartile_means
+from mpge_bench.leaderboard.estimates import Cell, Estimate, interquartile_mean, interquartile_means
 from mpge_bench.leaderboard.results import ORACLE, SHARES, comparisons, perfect, sections
 
 #: One letter for each word of `mpge_bench.baselines.method.ACCESS`.
@@ -59,6 +59,11 @@ class Sheet:
         lines = [f"*{self.title}*", "", markdown.table(self.headers, self.rows)]
         return "\n".join([*lines, *(["", self.note] if self.note else [])]) + "\n"
 
+    def data(self) -> dict[str, Any]:
+        """For programs: title, columns, rows of what their cells stand for, and note."""
+        rows = [[cell.data if isinstance(cell, Cell) else cell for cell in row] for row in self.rows]
+        return {"title": self.title, "columns": self.headers, "rows": rows, "note": self.note}
+
     def table(self) -> Table:
         """For the terminal."""
         drawn = Table(*self.headers, title=self.title, title_justify="left", caption=self.note or None, caption_justify="left")
@@ -67,6 +72,8 @@ class Sheet:
         return drawn
 
 
+#: What was not compared.
+_UNKNOWN = Estimate(np.nan)
 #: A row with the key that it is sorted by.
 _Row = tuple[Any, list[str], Behind]
 
@@ -92,9 +99,9 @@ def pairs_sheet(results: pd.DataFrame) -> Sheet:
     for task, group in results.groupby("task"):
         there, here, optimal = (interquartile_mean(group[name].to_numpy(float)) for name in ("source_return", "direct", "optimal"))
         reached = known.get(str(task))
-        own = ["–", "–"] if reached is None else [_figure(reached.mean), _figure(np.nan if reached.normalized is None else reached.normalized, 2)]
+        own = [_figure(np.nan), _figure(np.nan)] if reached is None else [_figure(reached.mean), _normalised(reached.normalized)]
         lost = interquartile_mean(group["lost"].to_numpy(float))
-        row = [str(task), _figure(there), _figure(here), "–" if np.isnan(lost) else f"{lost:.0%}", *own, _figure(optimal)]
+        row = [str(task), _figure(there), _figure(here), Cell("–" if np.isnan(lost) else f"{lost:.0%}", lost), *own, _figure(optimal)]
         rows.append((task, row, Behind(str(task), (), tuple(group["folder"].unique()))))
     headers = ["task", "source policies in the source", "in the target (direct)", "lost", "perfect", "normalised", "J*"]
     note = "perfect: the same agent with the same budget in the true target. J*: the best return in the target that anybody has reached."
@@ -112,8 +119,10 @@ def aggregate_sheets(results: pd.DataFrame) -> list[Sheet]:
         names, chances = list(compared.scores), compared.improvements()
         rows: list[_Row] = []
         for name, following, middle in zip(names, [*names[1:], ""], interquartile_means(list(compared.scores.values())), strict=True):
-            next_one, direct = (chances[name, other].text(2) if (name, other) in chances else "–" for other in (following, "direct"))
-            row = [name, str(len(compared.scores[name])), middle.text(2), f"{next_one} than {following}" if following else next_one, direct]
+            next_one, direct = (chances.get((name, other), _UNKNOWN).text(2) for other in (following, "direct"))
+            if following:
+                next_one = Cell(f"{next_one} than {following}", {"than": following, **next_one.data})
+            row = [name, _count(len(compared.scores[name])), middle.text(2), next_one, direct]
             rows.append((len(rows), row, replace(_behind(compared.runs[name]), pair="")))
         headers = ["method", "seeds", "normalised return", "P(better than the next)", "P(better than direct)"]
         note = f"Interquartile means over runs and pairs: {', '.join(compared.pairs)}. P: probability of improvement."
@@ -128,9 +137,9 @@ def returns_sheet(results: pd.DataFrame) -> Sheet:
     rows: list[_Row] = []
     for (key, group), normalized in zip(groups, _estimates(groups, "normalized_return"), strict=True):
         reached = known.get((key[0], str(group["preset"].iloc[0])))
-        references = [_mean(group, "return"), _mean(group, "direct"), _figure(reached.mean) if reached else "–", _mean(group, "optimal")]
+        references = [_mean(group, "return"), _mean(group, "direct"), _figure(reached.mean if reached else np.nan), _mean(group, "optimal")]
         access = " ".join(LETTERS.get(word, word) for word in group["access"].iloc[0])
-        row = [*key, access or "–", str(len(group)), normalized.text(2), *references, _mean(group, "minutes", 1)]
+        row = [*key, access or "–", _count(len(group)), normalized.text(2), *references, _mean(group, "minutes", 1)]
         rows.append(((key[0], int(key[1]), -np.nan_to_num(normalized.value), key), row, _behind(group)))
     headers = [*_NAMES, "access", "seeds", "normalised return", "return", "direct", "perfect", "J*", "min"]
     return _sheet("returns in the target", headers, rows, ACCESS_LEGEND)
@@ -143,21 +152,30 @@ def papers_sheets(results: pd.DataFrame) -> list[Sheet]:
         for samples, said in papers.returns(str(task)):
             if samples not in set(here["samples"]):
                 continue
-            paper = [said.name, f"{_figure(said.mean, 1)} ± {_figure(said.std, 1)}", f"{_normalised(said.normalized)} ± {_normalised(said.spread)}"]
+            paper = [said.name, _spread(_figure(said.mean, 1), _figure(said.std, 1)), _spread(_normalised(said.normalized), _normalised(said.spread))]
             of_method = here[(here["method"] == said.method) & (here["samples"] == samples)]
             own = of_method[of_method["variant"] == of_method["preset"] + said.changes]
             if not len(own):
-                rows.append((len(rows), [str(task), str(samples), *paper, "–", "–", "–"], Behind(str(task))))
+                rows.append((len(rows), [str(task), _count(samples), *paper, *[_figure(np.nan)] * 3], Behind(str(task))))
             for variant, group in own.groupby("variant"):
                 (middle,) = interquartile_means([group["normalized_return"].to_numpy(float)])
-                rows.append((len(rows), [str(task), str(samples), *paper, f"{said.method}, {variant}", str(len(group)), middle.text(2)], _behind(group)))
+                rows.append((len(rows), [str(task), _count(samples), *paper, f"{said.method}, {variant}", _count(len(group)), middle.text(2)], _behind(group)))
     headers = ["task", "samples", "paper's method", "its return", "its normalised return", "ours", "seeds", "our normalised return"]
     note = f"{papers.sources()['returns']}; mean ± standard deviation. Another simulator: normalised values and orders compare, returns do not."
     return [_sheet("beside the paper", headers, rows, note)] if rows else []
 
 
-def _normalised(value: float | None) -> str:
+def _normalised(value: float | None) -> Cell:
     return _figure(np.nan if value is None else value, 2)
+
+
+def _spread(mean: Cell, std: Cell) -> Cell:
+    return Cell(f"{mean} ± {std}", {"mean": mean.data, "std": std.data})
+
+
+def _beside_source(value: Cell, source: Cell) -> Cell:
+    """An error, and in brackets the ungrounded source's."""
+    return Cell(f"{value} ({source})", {"value": value.data, "source": source.data})
 
 
 def grounding_sheets(results: pd.DataFrame) -> list[Sheet]:
@@ -165,9 +183,9 @@ def grounding_sheets(results: pd.DataFrame) -> list[Sheet]:
     rows: list[_Row] = []
     for key, group in _groups(results[results["action_error"].notna()]):
         value, source, floor = (interquartile_mean(group[name].to_numpy(float)) for name in ("action_error", "action_error_source", "action_error_floor"))
-        errors = [_figure(one, 3) if floor <= LARGEST_FLOOR * one else "–" for one in (value, source)]
-        transitions = f"{_mean(group, 'transition_error', 3)} ({_mean(group, 'transition_error_source', 3)})"
-        row = [*key, str(len(group)), f"{errors[0]} ({errors[1]})", _figure(floor, 3), transitions, _mean(group, "grounded"), _mean(group, "return")]
+        action = _beside_source(*(_figure(one if floor <= LARGEST_FLOOR * one else np.nan, 3) for one in (value, source)))
+        transition = _beside_source(_mean(group, "transition_error", 3), _mean(group, "transition_error_source", 3))
+        row = [*key, _count(len(group)), action, _figure(floor, 3), transition, _mean(group, "grounded"), _mean(group, "return")]
         rows.append(((key[0], int(key[1]), value, key), row, _behind(group)))
     headers = [*_NAMES, "seeds", "action error (source)", "floor", "transition error (source)", "return grounded", "in the target"]
     note = f"In brackets the ungrounded source's error. Action errors are not shown where their floor is more than {LARGEST_FLOOR:.0%} of them."
@@ -182,7 +200,7 @@ def learning_sheets(results: pd.DataFrame) -> list[Sheet]:
     rows: list[_Row] = []
     for index, (key, group) in enumerate(groups):
         middle = np.nan_to_num(interquartile_mean(group["normalized_return"].to_numpy(float)))
-        row = [*key, str(len(group)), *(column[index].text(0) for column in columns)]
+        row = [*key, _count(len(group)), *(column[index].text(0) for column in columns)]
         rows.append(((key[0], int(key[1]), -middle, key), row, _behind(group)))
     return [_sheet("learning in the target, mean episode within the first ...", [*_NAMES, "seeds", *_SHARES], rows)] if rows else []
 
@@ -193,7 +211,7 @@ def published_learning_sheets(results: pd.DataFrame) -> list[Sheet]:
     rows: list[_Row] = []
     for family, learnt in known.items():
         for said in learnt:
-            row = [family, f"{said.samples}", said.name, *(Estimate(mean, (low, high)).text(0) for mean, low, high in said.episodes)]
+            row = [family, _count(said.samples), said.name, *(Estimate(mean, (low, high)).text(0) for mean, low, high in said.episodes)]
             rows.append((len(rows), row, Behind()))
     headers = ["family", "samples", "paper's method", *_SHARES]
     return [_sheet("the paper's learning in the target, mean episode within the first ...", headers, rows, papers.sources()["learning"])] if rows else []
@@ -204,14 +222,16 @@ def cost_sheet(results: pd.DataFrame) -> Sheet:
     names = ["minutes", "grounding_minutes", "agent_minutes"], ["grounding_steps", "agent_steps"]
     rows: list[_Row] = []
     for key, group in _groups(results[~results["method"].str.endswith(ORACLE)]):
-        row = [*key, str(len(group)), *(_mean(group, name, 1) for name in names[0]), *(_mean(group, name) for name in names[1])]
+        row = [*key, _count(len(group)), *(_mean(group, name, 1) for name in names[0]), *(_mean(group, name) for name in names[1])]
         rows.append(((key[0], int(key[1]), key), row, _behind(group)))
     headers = [*_NAMES, "seeds", "min", "of these grounding", "agent", "simulator steps of groundings", "of agents"]
     return _sheet("cost", headers, rows, "Minutes are of the machine, and the processes, that a run was made with; its settings name them.")
 
 
 def _groups(results: pd.DataFrame) -> list[tuple[tuple[str, ...], pd.DataFrame]]:
-    return [(tuple(map(str, key)), group) for key, group in results.groupby(_KEYS)]
+    """By what runs differ in beside their seeds: task, number of samples, variant of the preset, and method."""
+    grouped = [(tuple(map(str, key)), group) for key, group in results.groupby(_KEYS)]
+    return [((task, _count(int(samples)), *others), group) for (task, samples, *others), group in grouped]
 
 
 def _behind(group: pd.DataFrame) -> Behind:
@@ -229,12 +249,16 @@ def _sheet(title: str, headers: Sequence[str], rows: list[_Row], note: str = "")
     return Sheet(title, headers, [row for _, row, _ in ordered], note, [behind for *_, behind in ordered])
 
 
-def _mean(group: pd.DataFrame, name: str, digits: int = 0) -> str:
+def _mean(group: pd.DataFrame, name: str, digits: int = 0) -> Cell:
     return _figure(interquartile_mean(group[name].to_numpy(float)), digits)
 
 
-def _figure(value: float, digits: int = 0) -> str:
+def _count(number: int) -> Cell:
+    return Cell(str(number), int(number))
+
+
+def _figure(value: float, digits: int = 0) -> Cell:
     """What would be shown as nothing is shown by its power of ten."""
     if np.isnan(value):
-        return "–"
-    return f"{value:.0e}" if digits and 0 < abs(value) < 0.5 / 10**digits else f"{value:,.{digits}f}"
+        return Cell("–", value)
+    return Cell(f"{value:.0e}" if digits and 0 < abs(value) < 0.5 / 10**digits else f"{value:,.{digits}f}", value)

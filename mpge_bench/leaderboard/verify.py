@@ -52,6 +52,40 @@ class Check:
         return abs(self.found - self.stated) <= self.within
 
 
+@dataclass(frozen=True)
+class Verified:
+    """What was found of one result.
+
+    Attributes:
+        path: of the result file.
+        faults: what is wrong with its form, a line each.
+        checks: figures that were measured again; none where there are faults.
+    """
+
+    path: Path
+    faults: tuple[str, ...]
+    checks: tuple[Check, ...]
+
+    @property
+    def in_order(self) -> bool:
+        return not self.faults and all(one.agrees for one in self.checks)
+
+    def data(self) -> dict[str, Any]:
+        """For programs."""
+        checks = [vars(one) | {"agrees": one.agrees} for one in self.checks]
+        return {"result": str(self.path), "in_order": self.in_order, "faults": self.faults, "checks": checks}
+
+
+def verified(path: Path, form: bool, progress: Progress | None = None) -> Verified:
+    """The result file `path`: its form and, unless `form` alone is asked for or wrong, its figures measured again.
+
+    Raises:
+        UserError: as `measured_again`.
+    """
+    wrong = tuple(faults(path))
+    return Verified(path, wrong, () if form or wrong else tuple(measured_again(path, progress)))
+
+
 def results_in(paths: list[Path]) -> list[Path]:
     """The result files that `paths`, files and folders, stand for, each once, in order.
 

@@ -1,13 +1,17 @@
-"""A folder of policies for the pendulum that tests may run the command line on, and results that were never run."""
+"""A folder of policies for the pendulum that tests may run the command line on, results that were never run, and what a rod on a hinge records."""
 
 from __future__ import annotations
 
 import json
 import shutil
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from mpge_bench.baselines.policy import save_policy
+from mpge_bench.diagnosis.data.recording import write_table
+from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.envs import get_task
 from mpge_bench.harness import references
 from mpge_bench.policies import SEEDS, policy_path
@@ -64,3 +68,31 @@ def _changed(data, changes):
     """`data` with entries changed, those within its mappings alone."""
     merged = {name: _changed(data[name], value) if isinstance(value, dict) and isinstance(data.get(name), dict) else value for name, value in changes.items()}
     return data | merged
+
+
+@pytest.fixture(scope="session")
+def rod():
+    """A rod on a hinge, as URDF; it has no shape."""
+    return """<robot name="rod"><link name="base"/>
+<link name="rod"><inertial><origin xyz="0 0 -0.3"/><mass value="1"/><inertia ixx=".02" iyy=".02" izz=".001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.fixture(scope="session")
+def record_rod():
+    """record_rod(rig, "a.csv", 0.4, TorqueGain("hinge", 0.6)) writes beside the rod's rig what it records with the effects, commands about as fast; where."""
+
+    def record(rig, name, hertz, *effects, seconds=6.0):
+        world = read_rig(rig).world(effects, substeps=10)
+        world.set_state([0.2], [0.0])
+        time = np.arange(0.0, seconds, 0.01)
+        table = pd.DataFrame({"time": time, "u_hinge": 2 * np.sin(2 * np.pi * hertz * time) + np.sin(4.6 * np.pi * hertz * time)})
+        rows = []
+        for command in table["u_hinge"]:
+            rows.append([float(values[0]) for values in world.read()])
+            world.step([command])
+        table[["q_hinge", "dq_hinge"]] = rows
+        write_table(table, rig.parent / name)
+        return rig.parent / name
+
+    return record

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -62,9 +63,11 @@ def test_excite_writes_commands_and_what_they_tell(
         code, text, err = in_process("excite", "--rig", rig.path, "--out", out, "--seconds", 4, "--recordings", 2, "--draws", 8, *more)
         assert code == 0, err
         assert "coulomb_friction" in text
+        if "--json" in more:
+            assert [one["effect"] for one in json.loads(text)] == pd.read_csv(out / "told.csv")["effect"].to_list()
         return out
 
-    one, two = designed("one", "--jobs", 1), designed("two", "--jobs", 2)
+    one, two = designed("one", "--jobs", 1), designed("two", "--jobs", 2, "--json")
     assert {path.name for path in one.iterdir()} == {"excitation_00.csv", "excitation_01.csv", "told.csv"}
     for path in one.iterdir():
         assert path.read_bytes() == (two / path.name).read_bytes()

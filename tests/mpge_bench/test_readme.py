@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+import typer
 
 from mpge_bench import pages
+from mpge_bench.cli import app
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.run import RunSettings, run
 from mpge_bench.leaderboard.results import collect
@@ -27,6 +30,21 @@ def test_links_between_pages_lead_somewhere(page):
 @pytest.mark.parametrize("name", pages.TABLES)
 def test_tables_of_the_documentation_are_as_their_command_writes_them(name):
     assert (ROOT / f"docs/{name}.md").read_text() == pages.fresh(name), f"write it anew: python -m mpge_bench {name} --update"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_command_line_knows_every_command_that_a_page_shows(page):
+    program = typer.main.get_command(app)
+    for block in re.findall(r"```\n(.*?)```", page.read_text(), re.DOTALL):
+        for line in re.findall(r"^python -m mpge_bench (.*)$", block.replace("\\\n", " "), re.MULTILINE):
+            command, words = program, shlex.split(line, comments=True)
+            while isinstance(command, typer.core.TyperGroup):
+                command = command.commands[words.pop(0)]
+            command.make_context(command.name, words)
+
+
+def test_the_gallery_is_small():
+    assert sum(path.stat().st_size for path in (ROOT / "docs/gallery").iterdir()) < 3e6
 
 
 def test_a_page_without_a_place_for_its_table_is_refused(tmp_path):

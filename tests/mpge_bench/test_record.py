@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -81,6 +82,10 @@ def test_simulate_writes_the_prediction_and_how_far_it_is_off(
     for column, unit in (("q_slider", "m"), ("q_hinge", "rad"), ("dq_slider", "m/s"), ("dq_hinge", "rad/s")):
         error = np.sqrt(np.mean((predicted[column] - recorded[column]) ** 2))
         assert f"{error:.4g} {unit}" in said
+    _, printed, _ = in_process("simulate", "--rig", pendulum / "rig.yaml", "--recording", pendulum / "episode_00.csv", "--horizon", 0.4, "--out", out, "--json")
+    slider, hinge = json.loads(printed)
+    assert (slider["name"], slider["unit"], hinge["name"]) == ("slider", "m", "hinge")
+    assert hinge["q"] == pytest.approx(np.sqrt(np.mean((predicted["q_hinge"] - recorded["q_hinge"]) ** 2)))
     other = out.with_suffix(".parquet")
     cli.simulate(corrected, pendulum / "episode_00.csv", out=other)
     assert pd.read_parquet(other)["q_hinge"].to_numpy() == pytest.approx(recorded["q_hinge"].to_numpy(), abs=1e-6)

@@ -228,7 +228,7 @@ def test_a_full_disk_ends_with_one_line_and_leaves_nothing(tmp_path, monkeypatch
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("mpge_bench.render._write_gif", full)
+    monkeypatch.setattr("mpge_bench.film._write_gif", full)
     with pytest.raises(UserError, match=r"cannot be written \(No space left on device\)"):
         render(small(), tmp_path / "new" / "folder" / "film.gif")
     assert list(tmp_path.iterdir()) == []

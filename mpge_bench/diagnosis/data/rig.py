@@ -121,14 +121,17 @@ class Rig:
         kept = [own for own in self.nominal if any(one.corrects(own) for one in more) and not any(one.corrects(own) for one in effects)]
         return (*effects, *kept, *more)
 
-    def world(self, effects: Sequence[Effect] = (), *, timestep: float | None = None, substeps: int = 1) -> World:
+    def world(self, effects: Sequence[Effect] = (), *, timestep: float | None = None, substeps: int = 1, seen: bool = False) -> World:
         """A world with this mechanism in it, changed by `effects`. A robot of the benchmark has steps of its own.
+
+        Args:
+            seen: made to be looked at.
 
         Raises:
             UserError: if an effect names a joint or link that the model has not.
         """
         if self.robot:
-            return self.robot.world(self.chain(effects))
+            return self.robot.world(self.chain(effects), seen=seen)
         return World(
             self.model,
             timestep=timestep or self.timestep,
@@ -138,6 +141,7 @@ class Rig:
             iterations=50,
             effects=self.chain(effects),
             bouncing=self.ground,
+            seen=seen,
         )
 
     def changed(self, effects: Sequence[Effect] = ()) -> Model:

@@ -17,6 +17,7 @@ from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.evidence import Evidence
 from mpge_bench.diagnosis.verdict.experiment import NextExperiment
 from mpge_bench.envs.effects import CATALOGUE
+from mpge_bench.plain import plain
 
 Array = npt.NDArray[np.float64]
 #: A number, the numbers of a vector, or nothing known.
@@ -263,8 +264,8 @@ class DiagnosisResult:
             "about": self.about,
             "settings": self.settings.to_dict(),
         }
-        plain: dict[str, Any] = _plain(data)
-        return plain
+        written: dict[str, Any] = plain(data)
+        return written
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any], evidence: Evidence = NO_EVIDENCE) -> DiagnosisResult:
@@ -335,14 +336,3 @@ def _bound(one: Mapping[str, Any], side: str, endless: float) -> Value:
 
 def _value(value: Any) -> Value:
     return tuple(value) if isinstance(value, list | tuple) else value
-
-
-def _plain(value: Any) -> Any:
-    """JSON's own types, without infinities."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
