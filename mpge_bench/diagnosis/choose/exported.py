@@ -38,13 +38,15 @@ def exported_misses(problem: Problem, recordings: Sequence[Recording]) -> Callab
 
 
 def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
-    """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable."""
+    """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable, NaN of no recordings."""
     misses = exported_misses(problem, recordings)
 
     @functools.cache
     def error(effects: tuple[Effect, ...]) -> float:
         found = misses(effects)
-        return math.inf if found is None else float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in found])))
+        if not found:
+            return math.inf if found is None else math.nan
+        return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in found])))
 
     return error
 
@@ -59,7 +61,7 @@ def noise_floors(problem: Problem, predictor: WindowPredictor, spread: Array) ->
     layout, sigma = problem.linear.motion.layout, problem.sigma
     speeds = layout.ddx(sigma)
     start = layout.state(layout.dx(sigma), np.where(np.isfinite(speeds), speeds, np.maximum(spread, 1e-9))) ** 2
-    carried = (predictor.flow[problem.validation][..., : len(start)] ** 2 @ start).mean((0, 1))
+    carried = (predictor.flow[problem.choosing][..., : len(start)] ** 2 @ start).mean((0, 1))
     return np.asarray(np.sqrt(carried + np.where(np.isfinite(sigma), sigma, 0.0) ** 2))
 
 

@@ -81,7 +81,7 @@ class Trials:
         layout, predictor = problem.linear.motion.layout, self.fitter.predictor
         floors = noise_floors(problem, predictor, problem.linear.motion.spread)
         # No right model does better than its physics step.
-        stepped = np.mean(predictor.halved_error[problem.validation] ** 2, (0, 1))
+        stepped = np.mean(predictor.halved_error[problem.choosing] ** 2, (0, 1))
         self._floor = float(np.sqrt(np.mean(layout.dx(floors) ** 2 + layout.dx(stepped))))
         self.models: list[Model] = [self.nominal]
 

@@ -95,13 +95,14 @@ class LinearFitter:
     def chi_square(self, cost: Array, windows: npt.NDArray[np.bool_] | slice | None = None) -> float:
         """Reduced chi-square of the train (or other) windows, robust: the square of the mean over windows of the root mean square in units of the noise's.
 
-        1 where a model is right, and where none is, no few windows on which all go astray decide, as they would in a mean of squares.
+        1 where a model is right, and where none is, no few windows on which all go astray decide, as they would in a mean of squares. NaN of no windows.
 
         Args:
             cost: sum of squares of each window, shape (windows,).
         """
         windows = self.train if windows is None else windows
-        return float(np.mean(np.sqrt(cost[windows] / self.count[windows])) ** 2)
+        roots = np.sqrt(cost[windows] / self.count[windows])
+        return float(np.mean(roots) ** 2) if len(roots) else math.nan
 
     def chi_square_of(self, effects: Sequence[Effect]) -> float:
         """`chi_square` of what `effects`, as they are, leave."""

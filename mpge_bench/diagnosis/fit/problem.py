@@ -63,6 +63,11 @@ class Problem:
     def settings(self) -> DiagnosisSettings:
         return self.measurements.settings
 
+    @property
+    def choosing(self) -> npt.NDArray[np.bool_]:
+        """The validation windows; all where there is but one window, which is too little data to choose by."""
+        return self.validation if self.validation.any() else ~self.validation
+
     @cached_property
     def torque(self) -> Array:
         """That the joints work with, N m, shape (joints,)."""

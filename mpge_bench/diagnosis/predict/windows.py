@@ -53,7 +53,10 @@ def validation_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_
     count = len(motion.rows)
     if count > 1:
         return np.asarray(windows.recording >= count - max(1, round(settings.held_recordings * count)))
-    return np.asarray(windows.start >= settings.held_third * motion.rows[0])
+    late = np.asarray(windows.start >= settings.held_third * motion.rows[0])
+    # Of a few windows none may begin so late.
+    late[-1] |= len(late) > 1
+    return late
 
 
 class WindowPredictor:

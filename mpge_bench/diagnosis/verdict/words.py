@@ -50,7 +50,7 @@ def summary(
     lines = []
     error = f"Held-out {horizon} prediction error: {held.before:.3g} {held.unit}; the noise alone makes {held.noise_floor:.3g}."
     if more is not None:
-        lines.append(f"Too little data: {more.windows} windows of {horizon} cannot tell a mismatch from chance ({p}).")
+        lines.append(f"Too little data: {more.windows} window{'s' * (more.windows > 1)} of {horizon} cannot tell a mismatch from chance ({p}).")
         lines.append(f"It takes about {more.needed} windows: record about {more.seconds:.0f} s more, in recordings as they are or longer ones.")
         lines.append(error)
     elif verdict == "no_mismatch":

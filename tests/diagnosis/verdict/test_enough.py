@@ -18,6 +18,14 @@ from mpge_bench.envs.effects import TorqueGain
 from ..conftest import write_case
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seconds", [0.8, 2.0])
+def test_one_or_two_windows_are_too_little_data_without_a_warning(tmp_path: Path, seconds: float) -> None:
+    """No window was left to choose by, and numpy's warnings of empty means stood on the screen."""
+    rig = write_case(tmp_path, [TorqueGain("hinge", 0.6)], recordings=1, seconds=seconds)
+    assert diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1).result.verdict == "too_little_data"
+
+
 @pytest.mark.parametrize(("recordings", "seconds"), [(1, 4.0), (4, 1.0)])
 def test_too_short_recordings_of_a_large_effect_say_how_much_more_it_takes(tmp_path: Path, recordings: int, seconds: float) -> None:
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.6)], recordings=recordings, seconds=seconds)
