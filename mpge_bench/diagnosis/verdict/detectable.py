@@ -41,7 +41,8 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
         beside = without(columns.reshape(len(columns), -1), basis).reshape(columns.shape)
         shares = [_share(fitter, column, chosen.effects, needed) for column in beside]
         sizes = [abs(float(getattr(start, name)) - absent) * share for start, share in zip(candidate.starts, shares, strict=True)]
-        sizes = [size for size in sizes if size <= parameter.high - absent]
+        # Of some effects with several parameters a start leaves the first where it is.
+        sizes = [size for size in sizes if 0 < size <= parameter.high - absent]
         slide = choice.problem.rig.is_slide(candidate.target)
         if sizes:
             found.append(Detectable(candidate.name, candidate.target, name, min(sizes), parameter.unit_of(slide=slide)))

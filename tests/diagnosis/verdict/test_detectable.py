@@ -8,14 +8,14 @@ from typing import Any
 
 from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.envs.effects import CATALOGUE, Effect
 
-from ..conftest import write_case
+from ..conftest import posed, write_case
 
 
 def looked_at(folder: Path, effects: list[Effect]) -> tuple[Any, list[Candidate], choice.Mismatch]:
@@ -43,3 +43,14 @@ def test_effects_of_the_stated_size_are_found_in_most_cases(tmp_path: Path) -> N
     # Nor is more asked for than it takes.
     assert sum(p < 0.01 for p in found[0.2]) <= 1
     assert empty.screening.p_value > 0.01
+
+
+def test_a_start_that_leaves_the_first_parameter_where_it_is_says_nothing_of_its_size(rig: Rig) -> None:
+    """Of a joint that sits elsewhere x alone is asked for: by its starts along y and z any shift could be told, even none."""
+    asked = posed(rig, seconds=2.0, noise=1e-4)
+    options = [one for one in candidates(rig, asked.scales) if one.name == "joint_origin"]
+    empty = choice.tested(asked, options)
+    given: Any = SimpleNamespace(problem=asked, candidates=options, fitter=empty.fitter, chosen=empty.nominal)
+    (found,) = detectable(given)
+    assert (found.parameter, found.target) == ("x", "elbow")
+    assert found.size > 0
