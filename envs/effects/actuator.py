@@ -21,6 +21,7 @@ class PositionServo(Effect):
     """A position controller: the command is a target angle u, the torque is ``kp (u - q) - kd dq``, renewed every `servo_period` seconds.
 
     What a rig's joint in position mode is; a target angle must not pass through any other effect before. NaN for a target is a servo switched off.
+    Both gains are looked for together: where one alone is off, a weak or strong motor makes both wrong alike, and friction adds to `kd` alone.
     """
 
     kp: float
@@ -28,9 +29,16 @@ class PositionServo(Effect):
     servo_period: float = 0.0
 
     name = "position_servo"
-    sentence = "The {target}'s servo has gains {kp} and {kd}."
+    sentence = "The {target}'s servo has gains kp {kp} and kd {kd}."
+    resembles = ("torque_gain", "viscous_friction")
+    told_apart = {
+        "torque_gain": "move fast as well as slowly: a weak motor scales kp and kd alike, a softer servo leaves kd",
+        "viscous_friction": "let the joint swing with the servo switched off: friction stays, kd does not",
+        "joint_spring": "hold the joint at targets far apart: a spring pulls to one place, a servo to its target",
+    }
     on = "joint"
-    parameters = {"kp": Parameter("N m/rad", 0.0, 1e6), "kd": Parameter("N m s/rad", 0.0, 1e5), "servo_period": Parameter("s", 0.0, 1.0)}
+    parameters = {"kp": Parameter("N m/rad", 0.0, 1e6), "kd": Parameter("N m s/rad", 0.0, 1e5)}
+    settings = {"servo_period": Parameter("s", 0.0, 1.0)}
     needs_motor = True
     place = 0
 
@@ -50,6 +58,18 @@ class PositionServo(Effect):
     def is_stepwise(self, timestep: float) -> bool:
         # One that acts anew at every physics step is a function of the state.
         return self.servo_period > 1.5 * timestep
+
+    @classmethod
+    def is_one_sided(cls) -> bool:
+        # Less than the rig says is as likely as more, and none at all is not the rig's.
+        return False
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        if not scale.servo_kp:
+            return []
+        kp, kd = scale.servo_kp, scale.servo_kd
+        return [{"kp": 1.2 * kp, "kd": kd}, {"kp": kp, "kd": 1.2 * kd or 0.1 * scale.torque / scale.speed}]
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,7 @@ class Scale:
         damping: of the joint as the model has it, N m s/rad.
         rotor: inertia of the joint's rotor as the model has it, kg m².
         servo_period: s, between commands to a servo; 0 where commands are torques.
+        servo_kp, servo_kd: gains of the joint's servo as the rig has it, N m/rad and N m s/rad; 0 where it has none.
         before: joints that come before this one, each of which may be tied to it.
         carried: whether another joint carries this one.
         arm: from the origin of the link that carries this joint to it, m; 0 where no joint carries it.
@@ -106,6 +107,8 @@ class Scale:
     damping: float = 0.0
     rotor: float = 0.0
     servo_period: float = 0.0
+    servo_kp: float = 0.0
+    servo_kd: float = 0.0
     before: tuple[str, ...] = ()
     carried: bool = False
     arm: float = 0.0
@@ -153,6 +156,8 @@ class Effect:
     name: ClassVar[str]
     on: ClassVar[str]
     parameters: ClassVar[dict[str, Parameter]]
+    #: Further numbers that it takes, known from what is built or set: nobody looks for them, and a search leaves them as they are.
+    settings: ClassVar[dict[str, Parameter]] = {}
     #: True where `actuate` is a pure function of the command: the effect then is an action transformation, known in closed form.
     maps_command: ClassVar[bool] = False
     #: True where the effect is the same at every physics step of a control step, so that it need not be worked out anew.
@@ -199,7 +204,7 @@ class Effect:
             CATALOGUE[cls.name] = cls
 
     def __post_init__(self) -> None:
-        for name, parameter in self.parameters.items():
+        for name, parameter in (self.parameters | self.settings).items():
             value = getattr(self, name)
             numbers = value if parameter.size != 1 and isinstance(value, Sequence) and not isinstance(value, str) else (value,)
             if parameter.size not in (None, len(numbers)) or not all(_within(number, parameter) for number in numbers):

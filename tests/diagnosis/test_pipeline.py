@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
-from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, TorqueGain, TorqueLimit, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, PositionServo, TorqueGain, TorqueLimit, UnknownTorque, ViscousFriction
 
 from ..conftest import PATIENCE
 from .conftest import write_case
@@ -115,6 +115,36 @@ def test_what_the_rig_has_too_much_of_is_corrected(tmp_path: Path, believed: Eff
     beside = getattr(believed, name) if true.adds else 0.0
     assert estimate["value"] + beside == pytest.approx(estimate["total"]) == getattr(one, name)
     assert read_rig(tmp_path / "report" / "corrected.yaml").own(true) == one
+
+
+#: What a rig believes of a servo.
+SERVO = {"kp": 6.0, "kd": 0.3, "servo_period": 0.002}
+
+
+@pytest.mark.parametrize(
+    ("true", "named"),
+    [
+        (PositionServo("hinge", 4.5, 0.3, 0.002), {"position_servo": {"kp": 4.5, "kd": 0.3}}),
+        (PositionServo("hinge", 6.0, 0.15, 0.002), {"position_servo": {"kp": 6.0, "kd": 0.15}}),
+        # A weak motor makes both gains smaller alike, and a brake adds to the damping alone: plainer, and named as what they are.
+        (TorqueGain("hinge", 0.75), {"torque_gain": {"gain": 0.75}}),
+        (ViscousFriction("hinge", 0.12), {"viscous_friction": {"damping": 0.1}}),
+    ],
+)
+def test_gains_of_a_servo_are_told_from_its_motors_and_from_friction(tmp_path: Path, true: Effect, named: dict[str, dict[str, float]]) -> None:
+    path = write_case(tmp_path, [true], servo=SERVO, timestep=0.002)
+    found = diagnose_files(path, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    values = {one["effect"]: {name: told["value"] for name, told in one["parameters"].items()} for one in found.data["effects"]}
+    assert set(values) == set(named)
+    for effect, parameters in named.items():
+        assert values[effect] == pytest.approx(parameters, rel=0.03)
+    if isinstance(true, PositionServo):
+        assert found.summary[0].endswith("not 6 N m/rad, 0.3 N m s/rad as the rig says.")
+        # The corrected rig has this servo, as often renewed, in the place of its own.
+        corrected = read_rig(tmp_path / "report" / "corrected.yaml").servo("hinge")
+        assert corrected is not None
+        assert corrected.servo_period == 0.002
+        assert corrected.kp == pytest.approx(true.kp, rel=0.03)
 
 
 def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:

@@ -67,11 +67,14 @@ def _starts(rig: Rig, starts: Sequence[Effect]) -> tuple[Effect, ...]:
     """`starts` of one effect on one target or, where the rig has such an effect itself, that one enlarged and reduced by their size, within its bounds.
 
     Effects whose numbers cannot be moved one by one stay as they are: any of them is a place from which to look for what stands in the own one's place.
+    What the rig's own has been set to beside its parameters stays.
     """
     own = rig.own(starts[0]) if starts else None
     neutral = neutrals_of(starts[0]) if starts else []
-    if own is None or not (own.adds or (len(neutral) == 1 and np.isfinite(neutral[0]))):
+    if own is None:
         return tuple(starts)
+    if not (own.adds or (len(neutral) == 1 and np.isfinite(neutral[0]))):
+        return tuple(with_parameters(own, parameters_of(start)) for start in starts)
     at, by = np.array(parameters_of(own)), [np.array(parameters_of(start)) - neutral for start in starts]
     moved = [with_parameters(own, (at + sign * size).tolist()) for size in by for sign in (1, -1)]
     return tuple(dict.fromkeys(one for one in moved if one != own))
@@ -113,6 +116,7 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
     carried = {joint.name: bool(rig.model.carriers(joint.parent)) for joint in rig.model.tree()}
     found = {}
     for column, joint in enumerate(rig.joints):
+        servo = rig.servo(joint)
         command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
         links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
         mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
@@ -131,6 +135,8 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             period=float(np.median(np.diff(motion.time[0, : motion.rows[0]]))),
             duration=min(float(time[rows - 1] - time[0]) for time, rows in zip(motion.time, motion.rows, strict=True)),
             gravity=rig.gravity,
+            servo_kp=servo.kp if servo else 0.0,
+            servo_kd=servo.kd if servo else 0.0,
             before=rig.joints[:column],
             carried=carried[joint],
             arm=float(np.linalg.norm(rig.model.place(joint))) if carried[joint] else 0.0,
