@@ -101,6 +101,8 @@ class Delay(_Late):
 
     name = "delay"
     sentence = "The {target}'s motor acts {seconds} late."
+    sentence_of_all = "All motors act {seconds} late, by the same."
+    takes_all = True
     told_apart = {
         "lag": "command sines of rising frequency: a delay leaves the amplitude, a lag lowers it",
         "backlash": "reverse slowly under load: play shows at reversals only, a delay always",
@@ -249,6 +251,8 @@ class Lag(Effect):
 
     name = "lag"
     sentence = "The {target}'s motor follows its command with a time constant of {time_constant}."
+    sentence_of_all = "All motors follow their commands with a time constant of {time_constant}, the same for all."
+    takes_all = True
     told_apart = {
         "sensor_delay": "let the joint swing with the motor off against a second sensor: only a late sensor is late then",
     }

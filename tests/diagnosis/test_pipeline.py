@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, PositionServo, TorqueGain, TorqueLimit, UnknownTorque, ViscousFriction
 
 from ..conftest import PATIENCE
-from .conftest import write_case
+from .conftest import record, write_case, write_rig
 
 
 def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
@@ -115,6 +116,30 @@ def test_what_the_rig_has_too_much_of_is_corrected(tmp_path: Path, believed: Eff
     beside = getattr(believed, name) if true.adds else 0.0
     assert estimate["value"] + beside == pytest.approx(estimate["total"]) == getattr(one, name)
     assert read_rig(tmp_path / "report" / "corrected.yaml").own(true) == one
+
+
+@pytest.mark.parametrize(
+    ("hidden", "says"),
+    [
+        ((Delay("*", 0.02),), "All motors act 0.0"),
+        ((Lag("*", 0.03),), "All motors follow their commands with a time constant of 0.0"),
+        # One motor that is late, or two that are late differently, are no common lateness.
+        ((Delay("elbow", 0.02),), "The elbow's motor acts 0.0"),
+        ((Delay("shoulder", 0.02), Delay("elbow", 0.035)), "The elbow's motor acts 0.03"),
+    ],
+)
+def test_what_all_motors_have_alike_is_one_effect(tmp_path: Path, hidden: tuple[Effect, ...], says: str) -> None:
+    rig, rng = read_rig(write_rig(tmp_path, timestep=0.002)), np.random.default_rng(0)
+    exact = [record(rig, hidden, seconds=4.0, seed=seed) for seed in range(4)]
+    noisy = [replace(one, q=one.q + rng.normal(0, 5e-4, one.q.shape), dq=one.dq + rng.normal(0, 5e-3, one.dq.shape)) for one in exact]
+    found = diagnose(rig, noisy)
+    (name,) = hidden[0].parameters
+    values = {one.target: getattr(one, name) for one in found.effects}
+    assert {one.name for one in found.effects} == {hidden[0].name}
+    assert values == pytest.approx({one.target: getattr(one, name) for one in hidden}, rel=0.02)
+    assert found.summary[0].startswith(says)
+    assert found.data["verdict"] == "explained"
+    assert found.data["where"][0]["name"] in rig.joints
 
 
 #: What a rig believes of a servo.

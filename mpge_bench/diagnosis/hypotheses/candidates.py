@@ -36,6 +36,11 @@ class Candidate:
         return f"{self.name}:{self.target}"
 
     @property
+    def is_of_all(self) -> bool:
+        """Whether it is one effect on several things, by the same on each."""
+        return self.target == "*"
+
+    @property
     def kind(self) -> type[Effect]:
         return type(self.starts[0])
 
@@ -44,6 +49,10 @@ class Candidate:
         """The parameter that says how much of it there is: its first, if that is a single number and there can be nothing of it; else empty."""
         name, parameter = next(iter(self.kind.parameters.items()))
         return name if math.isfinite(parameter.neutral) and parameter.size == 1 else ""
+
+    def is_part_of(self, other: Candidate) -> bool:
+        """Whether `other` is the same on all of several things, of which this acts on one."""
+        return other.is_of_all and not self.is_of_all and self.name == other.name
 
     def contains(self, effect: Effect) -> bool:
         """Whether it is a richer form of `effect`, which can do all that that does."""
@@ -87,7 +96,8 @@ def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
         return ("world",)
     if kind.on == "link":
         return rig.model.moving_links()
-    return rig.driven if kind.needs_motor else rig.joints
+    every = rig.driven if kind.needs_motor else rig.joints
+    return (*every, "*") if kind.takes_all and len(rig.driven) > 1 else every
 
 
 def carrier(rig: Rig, target: str) -> str:
