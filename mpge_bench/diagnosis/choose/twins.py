@@ -22,6 +22,7 @@ from mpge_bench.envs.effects.vector import parameters_of
 Array = npt.NDArray[np.float64]
 
 
+Plainness = tuple[bool, int, int, int, bool]
 #: Share of a length below which nothing but rounding is left.
 _ROUNDING = 1e-6
 
@@ -130,7 +131,7 @@ def plainest(trials: Trials, chosen: Model) -> Model:
     return chosen
 
 
-def plainness(effect: Effect) -> tuple[bool, int, int, int, bool]:
+def plainness(effect: Effect) -> Plainness:
     """Less of plainer effects: sensors are blamed last, few numbers come before many, a joint's own physics before bodies' and the world's.
 
     What is still equal goes by the catalogue's order, and what acts on one thing comes before what acts on all.
