@@ -66,10 +66,9 @@ class PositionServo(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        if not scale.servo_kp:
-            return []
         kp, kd = scale.servo_kp, scale.servo_kd
-        return [{"kp": 1.2 * kp, "kd": kd}, {"kp": kp, "kd": 1.2 * kd or 0.1 * scale.torque / scale.speed}]
+        # Of a servo without damping kp is a motor's gain, and damping of its own is viscous friction: both are looked for by these plainer names.
+        return [{"kp": 1.2 * kp, "kd": kd}, {"kp": kp, "kd": 1.2 * kd}] if kp and kd else []
 
 
 @dataclass(frozen=True)
