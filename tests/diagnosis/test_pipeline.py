@@ -18,7 +18,19 @@ from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
-from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, PositionServo, TorqueGain, TorqueLimit, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects import (
+    Armature,
+    CoulombFriction,
+    Delay,
+    Effect,
+    Lag,
+    Payload,
+    PositionServo,
+    TorqueGain,
+    TorqueLimit,
+    UnknownTorque,
+    ViscousFriction,
+)
 
 from ..conftest import PATIENCE
 from .conftest import record, write_case, write_rig
@@ -154,9 +166,11 @@ SERVO = {"kp": 6.0, "kd": 0.3, "servo_period": 0.002}
         # A weak motor makes both gains smaller alike, and a brake adds to the damping alone: plainer, and named as what they are.
         (TorqueGain("hinge", 0.75), {"torque_gain": {"gain": 0.75}}),
         (ViscousFriction("hinge", 0.12), {"viscous_friction": {"damping": 0.1}}),
+        (Delay("hinge", 0.02), {"delay": {"seconds": 0.02}}),
+        (Payload("arm", 0.3, 0.4), {"payload": {"mass": 0.3, "distance": 0.4}}),
     ],
 )
-def test_gains_of_a_servo_are_told_from_its_motors_and_from_friction(tmp_path: Path, true: Effect, named: dict[str, dict[str, float]]) -> None:
+def test_gains_of_a_servo_are_told_from_its_motors_from_friction_and_a_load(tmp_path: Path, true: Effect, named: dict[str, dict[str, float]]) -> None:
     path = write_case(tmp_path, [true], servo=SERVO, timestep=0.002)
     found = diagnose_files(path, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
     values = {one["effect"]: {name: told["value"] for name, told in one["parameters"].items()} for one in found.data["effects"]}

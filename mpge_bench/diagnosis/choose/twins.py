@@ -21,7 +21,7 @@ from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
 
-
+#: What effects are compared by where nothing else tells them apart.
 Plainness = tuple[bool, int, int, int, bool]
 #: Share of a length below which nothing but rounding is left.
 _ROUNDING = 1e-6
