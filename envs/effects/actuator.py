@@ -21,6 +21,7 @@ class PositionServo(Effect):
     """A position controller: the command is a target angle u, the torque is ``kp (u - q) - kd dq``, renewed every `servo_period` seconds.
 
     What a rig's joint in position mode is; a target angle must not pass through any other effect before. NaN for a target is a servo switched off.
+    Both gains are looked for together: where one alone is off, a weak or strong motor makes both wrong alike, and friction adds to `kd` alone.
     """
 
     kp: float
@@ -28,9 +29,16 @@ class PositionServo(Effect):
     servo_period: float = 0.0
 
     name = "position_servo"
-    sentence = "The {target}'s servo has gains {kp} and {kd}."
+    sentence = "The {target}'s servo has gains kp {kp} and kd {kd}."
+    resembles = ("torque_gain", "viscous_friction")
+    told_apart = {
+        "torque_gain": "move fast as well as slowly: a weak motor scales kp and kd alike, a softer servo leaves kd",
+        "viscous_friction": "let the joint swing with the servo switched off: friction stays, kd does not",
+        "joint_spring": "hold the joint at targets far apart: a spring pulls to one place, a servo to its target",
+    }
     on = "joint"
-    parameters = {"kp": Parameter("N m/rad", 0.0, 1e6), "kd": Parameter("N m s/rad", 0.0, 1e5), "servo_period": Parameter("s", 0.0, 1.0)}
+    parameters = {"kp": Parameter("N m/rad", 0.0, 1e6), "kd": Parameter("N m s/rad", 0.0, 1e5)}
+    settings = {"servo_period": Parameter("s", 0.0, 1.0)}
     needs_motor = True
     place = 0
 
@@ -50,6 +58,17 @@ class PositionServo(Effect):
     def is_stepwise(self, timestep: float) -> bool:
         # One that acts anew at every physics step is a function of the state.
         return self.servo_period > 1.5 * timestep
+
+    @classmethod
+    def is_one_sided(cls) -> bool:
+        # Less than the rig says is as likely as more, and none at all is not the rig's.
+        return False
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        kp, kd = scale.servo_kp, scale.servo_kd
+        # Of a servo without damping kp is a motor's gain, and damping of its own is viscous friction: both are looked for by these plainer names.
+        return [{"kp": 1.2 * kp, "kd": kd}, {"kp": kp, "kd": 1.2 * kd}] if kp and kd else []
 
 
 @dataclass(frozen=True)
@@ -81,6 +100,8 @@ class Delay(_Late):
 
     name = "delay"
     sentence = "The {target}'s motor acts {seconds} late."
+    sentence_of_all = "All motors act {seconds} late, by the same."
+    takes_all = True
     told_apart = {
         "lag": "command sines of rising frequency: a delay leaves the amplitude, a lag lowers it",
         "backlash": "reverse slowly under load: play shows at reversals only, a delay always",
@@ -229,6 +250,8 @@ class Lag(Effect):
 
     name = "lag"
     sentence = "The {target}'s motor follows its command with a time constant of {time_constant}."
+    sentence_of_all = "All motors follow their commands with a time constant of {time_constant}, the same for all."
+    takes_all = True
     told_apart = {
         "sensor_delay": "let the joint swing with the motor off against a second sensor: only a late sensor is late then",
     }

@@ -85,6 +85,7 @@ class Scale:
         damping: of the joint as the model has it, N m s/rad.
         rotor: inertia of the joint's rotor as the model has it, kg m².
         servo_period: s, between commands to a servo; 0 where commands are torques.
+        servo_kp, servo_kd: gains of the joint's servo as the rig has it, N m/rad and N m s/rad; 0 where it has none.
         before: joints that come before this one, each of which may be tied to it.
         carried: whether another joint carries this one.
         arm: from the origin of the link that carries this joint to it, m; 0 where no joint carries it.
@@ -106,6 +107,8 @@ class Scale:
     damping: float = 0.0
     rotor: float = 0.0
     servo_period: float = 0.0
+    servo_kp: float = 0.0
+    servo_kd: float = 0.0
     before: tuple[str, ...] = ()
     carried: bool = False
     arm: float = 0.0
@@ -138,7 +141,8 @@ class Effect:
     """One departure of the target's physics from the source's.
 
     Attributes:
-        target: what it acts on: a joint, a link, ``"*"`` (all links) or ``"world"``, by its name in the robot's model.
+        target: what it acts on: a joint, a link, ``"*"`` (all links; in a rig also all joints that have a motor) or ``"world"``, by its name in the
+            robot's model.
 
     Subclasses set ``name``, ``on`` (the kind of target: joint, pair, link, world or sensor; a pair is a joint and another that a field of the effect's names)
     and ``parameters`` and override the hooks they need. Joint torques and forces are in N m and N; what is called torque below is a force on a prismatic
@@ -153,6 +157,8 @@ class Effect:
     name: ClassVar[str]
     on: ClassVar[str]
     parameters: ClassVar[dict[str, Parameter]]
+    #: Further numbers that it takes, known from what is built or set: nobody looks for them, and a search leaves them as they are.
+    settings: ClassVar[dict[str, Parameter]] = {}
     #: True where `actuate` is a pure function of the command: the effect then is an action transformation, known in closed form.
     maps_command: ClassVar[bool] = False
     #: True where the effect is the same at every physics step of a control step, so that it need not be worked out anew.
@@ -165,7 +171,7 @@ class Effect:
     needs_motor: ClassVar[bool] = False
     #: True where it is searched for from transitions of whole states alone: recordings of joints hardly tell its parameters apart, or have a twin of it.
     asks_states: ClassVar[bool] = False
-    #: True where the target ``"*"`` stands for all links.
+    #: True where the target ``"*"`` stands for all links or, of what acts on joints, for all of a rig's that have a motor.
     takes_all: ClassVar[bool] = False
     #: Place in the chain from the command (low) to the joint (high), for who lists effects without knowing their order.
     place: ClassVar[int] = 50
@@ -173,6 +179,8 @@ class Effect:
     title: ClassVar[str] = ""
     #: What it is, said of its target; {parameter} is a parameter's value with its interval.
     sentence: ClassVar[str] = ""
+    #: The same, said of all joints that have a motor.
+    sentence_of_all: ClassVar[str] = ""
     #: True where every real machine has more or less of it.
     everywhere: ClassVar[bool] = False
     #: Where robots of one make usually differ by it: "each" on each thing that it acts on, "alike" by the same on all; none elsewhere.
@@ -199,7 +207,7 @@ class Effect:
             CATALOGUE[cls.name] = cls
 
     def __post_init__(self) -> None:
-        for name, parameter in self.parameters.items():
+        for name, parameter in (self.parameters | self.settings).items():
             value = getattr(self, name)
             numbers = value if parameter.size != 1 and isinstance(value, Sequence) and not isinstance(value, str) else (value,)
             if parameter.size not in (None, len(numbers)) or not all(_within(number, parameter) for number in numbers):
@@ -216,6 +224,12 @@ class Effect:
         places = getattr(self, at)
         if len(places) != len(getattr(self, values)) or not places or any(b <= a for a, b in itertools.pairwise(places)):
             raise UserError(f"effect {self.name} on {self.target}: `{at}` and `{values}` must be equally long and `{at}` must rise")
+
+    def each(self, driven: Sequence[str]) -> tuple[Effect, ...]:
+        """The effects that it stands for, one a target: itself or, where it acts on all joints with a motor, which are `driven`, one on each."""
+        if self.target == "*" and self.on == "joint" and self.takes_all:
+            return tuple(dataclasses.replace(self, target=joint) for joint in driven)
+        return (self,)
 
     def install(self, model: Model) -> None:
         """Change `model` once, before it is loaded."""
@@ -312,6 +326,8 @@ class Effect:
         """
         words = {name: parameter.told(getattr(self, name), intervals[name], slide=slide) for name, parameter in self.parameters.items()}
         target = self.target.removesuffix("_link")
+        if self.target == "*" and self.sentence_of_all:
+            return self.sentence_of_all.format(**words)
         if not self.sentence:
             return f"{self.called()} at the {target}: {', '.join(f'{name} {text}' for name, text in words.items())}."
         return self.sentence.format(target=target, **words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -111,16 +111,19 @@ def write_case(
     velocities: bool = True,
     timestep: float = 0.001,
     loud: Sequence[float] = (),
+    servo: Mapping[str, float] | None = None,
 ) -> Path:
     """A pendulum's rig and recordings of the pendulum with `effects`, by PyBullet at half the rig's physics step.
 
     Args:
         loud: by how much the commands of each recording are larger.
+        servo: gains of the hinge's servo as the rig has it, to which commands are target angles; None for a motor.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.urdf").write_text(PENDULUM)
     rig_path = folder / "rig.yaml"
-    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": timestep, "record_period": PERIOD, "joints": {"hinge": {"mode": "torque"}}}))
+    hinge = {"mode": "position", **servo} if servo else {"mode": "torque"}
+    rig_path.write_text(yaml.safe_dump({"robot": "robot.urdf", "timestep": timestep, "record_period": PERIOD, "joints": {"hinge": hinge}}))
     rng = np.random.default_rng(1)
     world = read_rig(rig_path).world(effects, timestep=timestep / 2, substeps=round(2 * PERIOD / timestep))
     for number in range(recordings):

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,22 @@ from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.pipeline import diagnose, diagnose_files
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
-from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, TorqueGain, TorqueLimit, UnknownTorque, ViscousFriction
+from mpge_bench.envs.effects import (
+    Armature,
+    CoulombFriction,
+    Delay,
+    Effect,
+    Lag,
+    Payload,
+    PositionServo,
+    TorqueGain,
+    TorqueLimit,
+    UnknownTorque,
+    ViscousFriction,
+)
 
 from ..conftest import PATIENCE
-from .conftest import write_case
+from .conftest import record, write_case, write_rig
 
 
 def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
@@ -115,6 +128,62 @@ def test_what_the_rig_has_too_much_of_is_corrected(tmp_path: Path, believed: Eff
     beside = getattr(believed, name) if true.adds else 0.0
     assert estimate["value"] + beside == pytest.approx(estimate["total"]) == getattr(one, name)
     assert read_rig(tmp_path / "report" / "corrected.yaml").own(true) == one
+
+
+@pytest.mark.parametrize(
+    ("hidden", "says"),
+    [
+        ((Delay("*", 0.02),), "All motors act 0.0"),
+        ((Lag("*", 0.03),), "All motors follow their commands with a time constant of 0.0"),
+        # One motor that is late, or two that are late differently, are no common lateness.
+        ((Delay("elbow", 0.02),), "The elbow's motor acts 0.0"),
+        ((Delay("shoulder", 0.02), Delay("elbow", 0.035)), "The elbow's motor acts 0.03"),
+    ],
+)
+def test_what_all_motors_have_alike_is_one_effect(tmp_path: Path, hidden: tuple[Effect, ...], says: str) -> None:
+    rig, rng = read_rig(write_rig(tmp_path, timestep=0.002)), np.random.default_rng(0)
+    exact = [record(rig, hidden, seconds=4.0, seed=seed) for seed in range(4)]
+    noisy = [replace(one, q=one.q + rng.normal(0, 5e-4, one.q.shape), dq=one.dq + rng.normal(0, 5e-3, one.dq.shape)) for one in exact]
+    found = diagnose(rig, noisy)
+    (name,) = hidden[0].parameters
+    values = {one.target: getattr(one, name) for one in found.effects}
+    assert {one.name for one in found.effects} == {hidden[0].name}
+    assert values == pytest.approx({one.target: getattr(one, name) for one in hidden}, rel=0.02)
+    assert found.summary[0].startswith(says)
+    assert found.data["verdict"] == "explained"
+    assert found.data["where"][0]["name"] in rig.joints
+
+
+#: What a rig believes of a servo.
+SERVO = {"kp": 6.0, "kd": 0.3, "servo_period": 0.002}
+
+
+@pytest.mark.parametrize(
+    ("true", "named"),
+    [
+        (PositionServo("hinge", 4.5, 0.3, 0.002), {"position_servo": {"kp": 4.5, "kd": 0.3}}),
+        (PositionServo("hinge", 6.0, 0.15, 0.002), {"position_servo": {"kp": 6.0, "kd": 0.15}}),
+        # A weak motor makes both gains smaller alike, and a brake adds to the damping alone: plainer, and named as what they are.
+        (TorqueGain("hinge", 0.75), {"torque_gain": {"gain": 0.75}}),
+        (ViscousFriction("hinge", 0.12), {"viscous_friction": {"damping": 0.1}}),
+        (Delay("hinge", 0.02), {"delay": {"seconds": 0.02}}),
+        (Payload("arm", 0.3, 0.4), {"payload": {"mass": 0.3, "distance": 0.4}}),
+    ],
+)
+def test_gains_of_a_servo_are_told_from_its_motors_from_friction_and_a_load(tmp_path: Path, true: Effect, named: dict[str, dict[str, float]]) -> None:
+    path = write_case(tmp_path, [true], servo=SERVO, timestep=0.002)
+    found = diagnose_files(path, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    values = {one["effect"]: {name: told["value"] for name, told in one["parameters"].items()} for one in found.data["effects"]}
+    assert set(values) == set(named)
+    for effect, parameters in named.items():
+        assert values[effect] == pytest.approx(parameters, rel=0.03)
+    if isinstance(true, PositionServo):
+        assert found.summary[0].endswith("not 6 N m/rad, 0.3 N m s/rad as the rig says.")
+        # The corrected rig has this servo, as often renewed, in the place of its own.
+        corrected = read_rig(tmp_path / "report" / "corrected.yaml").servo("hinge")
+        assert corrected is not None
+        assert corrected.servo_period == 0.002
+        assert corrected.kp == pytest.approx(true.kp, rel=0.03)
 
 
 def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "periodic_friction": {"mean": (10.0, 11.0), "swing": (5.0, 6.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
     "periodic_gain": {"depth": (0.5, 0.6), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
     "periodic_torque": {"amplitude": (10.0, 11.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
-    "position_servo": {"kp": (50.0, 60.0), "kd": (5.0, 6.0), "servo_period": (0.004, 0.02)},
+    "position_servo": {"kp": (50.0, 60.0), "kd": (5.0, 6.0)},
     "restitution": {"coefficient": (0.3, 0.6)},
     "rotor_scale": {"factor": (1.5, 2.0)},
     "sensor_bias": {"offset": (0.1, 0.2)},
@@ -149,6 +149,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
 FURTHER: dict[str, dict[str, Any]] = {
     "coupling_damping": {"other": "leg_joint"},
     "coupling_spring": {"other": "leg_joint"},
+    "position_servo": {"servo_period": 0.004},
     "unknown": {"signal": "dq"},
 }
 #: What changes nothing for a robot that moves in the plane of x and z.
@@ -173,7 +174,7 @@ def effects(draw: st.DrawFn) -> Effect:
     kind = CATALOGUE[draw(st.sampled_from(sorted(CATALOGUE)))]
     values: dict[str, Any] = {}
     points = draw(st.integers(1, 5))
-    for name, bound in kind.parameters.items():
+    for name, bound in (kind.parameters | kind.settings).items():
         number, count = st.floats(bound.low, bound.high), bound.size or points
         values[name] = draw(number if bound.size == 1 else st.lists(number, min_size=count, max_size=count, unique=True).map(sorted).map(tuple))
     if kind is UnknownTorque:
@@ -544,6 +545,17 @@ def test_position_servo_pulls_to_the_target_at_its_own_period(wheel: Path) -> No
     q, dq = spin(wheel, np.full(20, 0.3), servo)
     renewed = 8.0 * (0.3 - np.append(0.0, q)[:-1:5]) - 0.5 * np.append(0.0, dq)[:-1:5]
     assert np.diff(dq, prepend=0.0) / STEP * INERTIA == pytest.approx(np.repeat(renewed, 5))
+
+
+def test_a_servo_is_looked_for_in_both_gains_where_the_rig_has_them() -> None:
+    sizes = dict.fromkeys(("torque", "limit", "speed", "top_speed", "angle", "inertia", "mass", "length"), 1.0)
+    scale = Scale(**sizes, period=0.01, duration=5.0, gravity=(0, 0, -9.81))
+    assert PositionServo.starts(scale) == []
+    assert PositionServo.starts(dataclasses.replace(scale, servo_kp=10.0, servo_kd=0.5)) == [{"kp": 12.0, "kd": 0.5}, {"kp": 10.0, "kd": 0.6}]
+    # Of one without damping kp is a motor's gain.
+    assert PositionServo.starts(dataclasses.replace(scale, servo_kp=10.0)) == []
+    # Less than the rig says is as likely as more.
+    assert not PositionServo.is_one_sided()
 
 
 @pytest.mark.parametrize("damping", [0.1, 1.0])
@@ -1089,8 +1101,9 @@ def test_plain_data_turns_back_into_an_equal_effect(effect: Effect) -> None:
 @settings(deadline=None)
 @given(effects(), st.data())
 def test_values_out_of_bounds_are_refused(effect: Effect, data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(sorted(effect.parameters)))
-    bound = effect.parameters[name]
+    bounds = effect.parameters | effect.settings
+    name = data.draw(st.sampled_from(sorted(bounds)))
+    bound = bounds[name]
     beyond = data.draw(st.floats(bound.high, exclude_min=True) | st.floats(max_value=bound.low, exclude_max=True) | st.just(math.nan))
     with pytest.raises(UserError, match=f"(?s){effect.name}.* {name} = .* is outside"):
         dataclasses.replace(effect, **{name: beyond if bound.size == 1 else (beyond, *getattr(effect, name)[1:])})

@@ -40,7 +40,10 @@ def pairs(trials: Trials) -> list[Model]:
 
 
 def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
-    """All pairs of `options` by how much of what `model` leaves they explain together, to first order, the most first; of a bent one the best start."""
+    """All pairs of `options` by how much of what `model` leaves they explain together, to first order, the most first; of a bent one the best start.
+
+    What acts on all alike and the same on one of them are no pair: it is told by the effects on each.
+    """
     cost = model.fit.cost
     taken = fitter.taken(model.fit)
     left = without(fitter.weighted(model.fit.residuals, cost), taken)
@@ -49,7 +52,7 @@ def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) 
     for _, one, other in sorted(_explained(atoms, left), reverse=True):
         pair = atoms[one].candidate, atoms[other].candidate
         names = frozenset(candidate.label for candidate in pair)
-        if len(names) == len(pair):
+        if len(names) == len(pair) and not (pair[0].is_part_of(pair[1]) or pair[1].is_part_of(pair[0])):
             best.setdefault(names, pair)
     return list(best.values())
 

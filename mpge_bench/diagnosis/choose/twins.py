@@ -21,7 +21,8 @@ from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
 
-
+#: What effects are compared by where nothing else tells them apart.
+Plainness = tuple[bool, int, int, int, bool]
 #: Share of a length below which nothing but rounding is left.
 _ROUNDING = 1e-6
 
@@ -99,6 +100,9 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
         for candidate in trials.candidates:
             if candidate.label in chosen.key or candidate.contains(effect) or only not in (None, candidate.label):
                 continue
+            if candidate.is_of_all and any(other.name == candidate.name for other in others):
+                # What acts on all alike is the sum of what acts on each.
+                continue
             columns = flat(fitter.columns(candidate, others))
             length = np.linalg.norm(columns, axis=1, keepdims=True)
             columns = columns - (columns @ taken.T) @ taken
@@ -127,13 +131,13 @@ def plainest(trials: Trials, chosen: Model) -> Model:
     return chosen
 
 
-def plainness(effect: Effect) -> tuple[bool, int, int, int]:
+def plainness(effect: Effect) -> Plainness:
     """Less of plainer effects: sensors are blamed last, few numbers come before many, a joint's own physics before bodies' and the world's.
 
-    What is still equal goes by the catalogue's order.
+    What is still equal goes by the catalogue's order, and what acts on one thing comes before what acts on all.
     """
-    names = list(CATALOGUE)
-    return effect.on == "sensor", len(parameters_of(effect)), ("joint", "pair", "link", "world", "sensor").index(effect.on), names.index(effect.name)
+    names, kinds = list(CATALOGUE), ("joint", "pair", "link", "world", "sensor")
+    return effect.on == "sensor", len(parameters_of(effect)), kinds.index(effect.on), names.index(effect.name), effect.target == "*"
 
 
 def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:

@@ -93,8 +93,9 @@ class Rig:
         return tuple(joint for joint in self.joints if self.modes[joint] != "passive")
 
     def chain(self, effects: Sequence[Effect] = ()) -> tuple[Effect, ...]:
-        """The rig's own effects, with `effects` in the place of those that they correct, in the order from command to joint."""
-        return tuple(sorted((*_uncorrected(self.nominal, effects), *effects), key=lambda effect: effect.place))
+        """The rig's own effects, with `effects` in the place of those that they correct, in the order from command to joint; one a joint."""
+        acting = (one for effect in (*_uncorrected(self.nominal, effects), *effects) for one in effect.each(self.driven))
+        return tuple(sorted(acting, key=lambda effect: effect.place))
 
     def acting(self, effects: Sequence[Effect] = ()) -> list[Effect]:
         """All that acts in a world with `effects`: a robot of the benchmark has servos and springs of its own."""

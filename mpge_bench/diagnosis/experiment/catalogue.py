@@ -71,7 +71,8 @@ def _seen(rig: Rig, recording: Recording) -> Seen:
     fitter = problem(measured, linear, DEFAULT.predict.horizon).fitter()
     columns, sizes, effects = [], [], []
     for one in candidates(rig, scales(linear)):
-        if not one.measure:
+        # What acts on all alike is made up for by what acts on each.
+        if not one.measure or one.is_of_all:
             continue
         changed = fitter.clear(fitter.columns(one))
         best = int(np.argmax((changed**2).sum((1, 2))))

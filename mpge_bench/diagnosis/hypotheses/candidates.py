@@ -36,6 +36,11 @@ class Candidate:
         return f"{self.name}:{self.target}"
 
     @property
+    def is_of_all(self) -> bool:
+        """Whether it is one effect on several things, by the same on each."""
+        return self.target == "*"
+
+    @property
     def kind(self) -> type[Effect]:
         return type(self.starts[0])
 
@@ -51,11 +56,13 @@ class Candidate:
         return float(away[0] or np.linalg.norm(away))
 
     def part(self, rig: Rig, start: Effect, share: float) -> Effect:
-        """One of its starts with `share` of its `amount`."""
-        absent, values = rig.absent((start,)), np.array(parameters_of(start))
-        moved = [0] if values[0] != absent[0] else slice(None)
-        values[moved] = absent[moved] + share * (values[moved] - absent[moved])
-        return with_parameters(start, values.tolist())
+        """One of its starts with `share` of what its first parameter is away from absence."""
+        absent, values = rig.absent((start,)), parameters_of(start)
+        return with_parameters(start, [float(absent[0] + share * (values[0] - absent[0])), *values[1:]])
+
+    def is_part_of(self, other: Candidate) -> bool:
+        """Whether `other` is the same on all of several things, of which this acts on one."""
+        return other.is_of_all and not self.is_of_all and self.name == other.name
 
     def contains(self, effect: Effect) -> bool:
         """Whether it is a richer form of `effect`, which can do all that that does."""
@@ -79,11 +86,14 @@ def _starts(rig: Rig, starts: Sequence[Effect]) -> tuple[Effect, ...]:
     """`starts` of one effect on one target or, where the rig has such an effect itself, that one enlarged and reduced by their size, within its bounds.
 
     Effects whose numbers cannot be moved one by one stay as they are: any of them is a place from which to look for what stands in the own one's place.
+    What the rig's own has been set to beside its parameters stays.
     """
     own = rig.own(starts[0]) if starts else None
     neutral = neutrals_of(starts[0]) if starts else []
-    if own is None or not (own.adds or (len(neutral) == 1 and np.isfinite(neutral[0]))):
+    if own is None:
         return tuple(starts)
+    if not (own.adds or (len(neutral) == 1 and np.isfinite(neutral[0]))):
+        return tuple(with_parameters(own, parameters_of(start)) for start in starts)
     at, by = np.array(parameters_of(own)), [np.array(parameters_of(start)) - neutral for start in starts]
     moved = [with_parameters(own, (at + sign * size).tolist()) for size in by for sign in (1, -1)]
     return tuple(dict.fromkeys(one for one in moved if one != own))
@@ -96,7 +106,8 @@ def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
         return ("world",)
     if kind.on == "link":
         return rig.model.moving_links()
-    return rig.driven if kind.needs_motor else rig.joints
+    every = rig.driven if kind.needs_motor else rig.joints
+    return (*every, "*") if kind.takes_all and len(rig.driven) > 1 else every
 
 
 def carrier(rig: Rig, target: str) -> str:
@@ -125,6 +136,7 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
     carried = {joint.name: bool(rig.model.carriers(joint.parent)) for joint in rig.model.tree()}
     found = {}
     for column, joint in enumerate(rig.joints):
+        servo = rig.servo(joint)
         command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
         links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
         mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
@@ -143,6 +155,8 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             period=float(np.median(np.diff(motion.time[0, : motion.rows[0]]))),
             duration=min(float(time[rows - 1] - time[0]) for time, rows in zip(motion.time, motion.rows, strict=True)),
             gravity=rig.gravity,
+            servo_kp=servo.kp if servo else 0.0,
+            servo_kd=servo.kd if servo else 0.0,
             before=rig.joints[:column],
             carried=carried[joint],
             arm=float(np.linalg.norm(rig.model.place(joint))) if carried[joint] else 0.0,

@@ -130,7 +130,7 @@ class Nuisances:
         """
         predictor, rig = self._predictor, self._predictor.linear.rig
         slow = {effect.target for effect in rig.chain(effects) if effect.remembers}
-        slow -= {effect.target for effect in effects if isinstance(effect, Delay)}
+        slow -= {one.target for effect in effects if isinstance(effect, Delay) for one in effect.each(rig.driven)}
         now = predictor.torques(effects)
         later = [predictor.torques(rig.joined(effects, Delay(joint, rig.timestep))) - now for joint in sorted(slow)]
         changes = [predictor.propagate(one) for one in later]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.twins import plainness
+from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.evidence import best_trust
 from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted, model_of
@@ -276,7 +276,7 @@ def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:
     return [values.get(name, getattr(first, name)) for name in other.kind.parameters]
 
 
-def _plainness(model: Model) -> tuple[int, int, int, list[tuple[bool, int, int, int]]]:
+def _plainness(model: Model) -> tuple[int, int, int, list[Plainness]]:
     """Less of plainer models: fewer parameters, fewer hypotheses, fewer things acted on, commoner physics."""
     acted_on = sum(_EVERYTHING if "*" in one.targets else len(one.targets) for one in model.hypotheses)
     return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)

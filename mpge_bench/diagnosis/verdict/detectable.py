@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -35,9 +36,12 @@ def detectable(choice: Choice) -> tuple[Detectable, ...]:
         if not name or candidate.label in choice.chosen.key:
             continue
         parameter = candidate.kind.parameters[name]
-        room = parameter.high - float(rig.absent(candidate.starts[:1])[0])
-        sizes = [candidate.amount(rig, start) * share for start, share in zip(candidate.starts, shares(candidate), strict=True)]
-        sizes = [size for size in sizes if size <= room]
+        absent = float(rig.absent(candidate.starts[:1])[0])
+        # Of some effects with several parameters a start leaves the first where it is, and says nothing of its size.
+        starts = tuple(start for start in candidate.starts if getattr(start, name) != absent)
+        taken = shares(replace(candidate, starts=starts)) if starts else []
+        sizes = [candidate.amount(rig, start) * share for start, share in zip(starts, taken, strict=True)]
+        sizes = [size for size in sizes if size <= parameter.high - absent]
         if sizes:
             unit = parameter.unit_of(slide=rig.is_slide(candidate.target))
             found.append(Detectable(candidate.name, candidate.target, name, min(sizes), unit))

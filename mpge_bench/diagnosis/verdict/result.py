@@ -78,7 +78,7 @@ class FoundEffect:
     @property
     def seat(self) -> str:
         """What it acts on, for people."""
-        return f"{self.other} and {self.target}" if self.other else self.target
+        return f"{self.other} and {self.target}" if self.other else "all motors" if self.target == "*" else self.target
 
 
 @dataclass(frozen=True)

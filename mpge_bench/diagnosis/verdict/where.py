@@ -46,7 +46,7 @@ def places(rig: Rig, joints: Sequence[JointEvidence], effects: Sequence[Effect],
 
     A link has the share of the joints that carry it, the world that of all.
     """
-    blamed = [effect.target for effect in effects]
+    blamed = [one.target for effect in effects for one in effect.each(rig.driven)]
     found = [Place("joint", one.joint, round(one.share, 3), regime(one, settings)) for one in joints if one.share > settings.where]
     found.sort(key=lambda one: (one.name not in blamed, -one.share))
     for effect in effects:

@@ -34,6 +34,10 @@ def test_the_true_pair_is_among_the_first_of_all(trials: Trials) -> None:
     labels = [{one.label for one in pair} for pair in found]
     assert len(labels) == len({frozenset(one) for one in labels})
     assert all(len(one) == 2 for one in labels)
+    # What acts on all alike and on one of them is what acts on each.
+    assert {"delay:shoulder", "delay:elbow"} in labels
+    assert {"delay:*", "payload:lower"} in labels
+    assert not any({"delay:*", f"delay:{joint}"} in labels for joint in ("shoulder", "elbow"))
     assert {"payload:lower", "torque_bias:shoulder"} in labels[: trials.settings.pairs]
 
 

@@ -22,7 +22,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
-from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Gravity, InertiaScale, MassScale, Payload, SensorBias, TorqueGain
+from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Delay, Gravity, InertiaScale, Lag, MassScale, Payload, SensorBias, TorqueGain
 
 from ..conftest import Made, record, write_case
 
@@ -31,6 +31,7 @@ def test_the_plainer_of_two_equals() -> None:
     assert plainness(Armature("hinge", 0.1)) < plainness(ComOffset("arm", 0.0, 0.0, 0.1))
     assert plainness(Armature("hinge", 0.1)) < plainness(InertiaScale("arm", 1.1))
     assert plainness(TorqueGain("hinge", 0.0)) < plainness(DeadZone("hinge", 9.0))
+    assert plainness(Delay("elbow", 0.01)) < plainness(Delay("*", 0.01)) < plainness(Lag("elbow", 0.01))
     assert plainness(Gravity("world", (1.0, 0.0, -9.7))) < plainness(SensorBias("hinge", 0.1))
 
 

@@ -22,6 +22,7 @@ from mpge_bench.envs.effects import (
     Delay,
     Effect,
     JointSpring,
+    Lag,
     PositionServo,
     TorqueGain,
     UnknownTorque,
@@ -30,7 +31,7 @@ from mpge_bench.envs.effects import (
 from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters
 from mpge_bench.envs.errors import UserError
 
-from ..conftest import ARM, write_rig
+from ..conftest import ARM, record, write_rig
 
 TORQUE = {"mode": "torque"}
 
@@ -269,6 +270,33 @@ def test_effects_act_on_what_they_can_act_on(tmp_path: Path) -> None:
     assert candidate_targets(rig, "sensor_bias") == ("shoulder", "elbow")
     assert candidate_targets(rig, "payload") == ("upper", "lower")
     assert candidate_targets(rig, "gravity") == ("world",)
+    # There is but one motor, which is all.
+    assert candidate_targets(rig, "delay") == ("shoulder",)
+
+
+def test_what_acts_on_all_motors_is_the_same_on_each(tmp_path: Path) -> None:
+    rig = read_rig(write_rig(tmp_path))
+    assert candidate_targets(rig, "lag") == ("shoulder", "elbow", "*")
+    assert candidate_targets(rig, "torque_gain") == ("shoulder", "elbow")
+    alike, each = [Lag("*", 0.03)], [Lag("shoulder", 0.03), Lag("elbow", 0.03)]
+    assert rig.chain(alike) == rig.chain(each)
+    # One joint's own comes beside it.
+    assert rig.chain([Delay("*", 0.02), Delay("elbow", 0.01)])[:3] == (Delay("shoulder", 0.02), Delay("elbow", 0.02), Delay("elbow", 0.01))
+    one, other = record(rig, alike), record(rig, each)
+    assert np.array_equal(one.q, other.q)
+    assert not np.allclose(one.q, record(rig).q, rtol=0, atol=1e-3)
+    corrected = rig.path.parent / "corrected.yaml"
+    corrected.write_text(yaml.safe_dump(rig.corrected(alike, rig.model.path.name)))
+    assert read_rig(corrected).own(Lag("*", 0.01)) == alike[0]
+    # Without a motor there is nothing to be late.
+    passive = read_rig(write_rig(tmp_path, joints={"shoulder": TORQUE, "elbow": {"mode": "passive"}}))
+    assert passive.chain(alike)[0] == each[0]
+    assert each[1] not in passive.chain(alike)
+
+
+def test_what_does_not_act_on_all_motors_is_refused_there(tmp_path: Path) -> None:
+    path = write_rig(tmp_path, effects=[{"effect": "torque_gain", "target": "*", "gain": 0.9}])
+    assert "no joint '*'" in refusal(path)
 
 
 ADDING = sorted(name for name, kind in CATALOGUE.items() if kind.adds)

@@ -9,7 +9,7 @@ import pytest
 
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, carrier
-from mpge_bench.envs.effects import CATALOGUE, Scale
+from mpge_bench.envs.effects import CATALOGUE, PositionServo, Scale
 
 from ..conftest import Made, posed, write_rig
 
@@ -17,7 +17,7 @@ from ..conftest import Made, posed, write_rig
 def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) -> None:
     _, _, found = made()
     names = {one.name for one in found}
-    # A servo is the rig's own; a nameless curve is tried last, on its own terms. Mechanisms that touch nothing have no contacts, and what else the
+    # A servo is looked for where the rig has one; a nameless curve is tried last. Mechanisms that touch nothing have no contacts, and what else the
     # benchmark alone needs is another effect there: a damping is viscous friction, a larger rotor armature, a mass on the link payload, and so on.
     # Where a joint of a fixed base is, its motion does not tell.
     benchmark = {"attached_mass", "dc_motor", "joint_damping", "latency", "link_size", "rotor_scale"}
@@ -33,6 +33,13 @@ def test_where_a_joint_is_is_looked_for_where_another_joint_carries_it(rig: Rig)
     for name in ("joint_axis", "joint_origin", "link_length"):
         assert f"{name}:elbow" in found
         assert f"{name}:shoulder" not in found
+
+
+def test_a_servo_is_looked_for_where_the_rig_has_one_as_often_renewed(tmp_path: Path) -> None:
+    joints = {"shoulder": {"mode": "position", "kp": 20.0, "kd": 0.5, "servo_period": 0.002}, "elbow": {"mode": "torque"}}
+    rig = read_rig(write_rig(tmp_path, joints=joints))
+    (found,) = [one for one in candidates(rig, posed(rig, seconds=1.0).scales) if one.name == "position_servo"]
+    assert found.starts == (PositionServo("shoulder", 24.0, 0.5, 0.002), PositionServo("shoulder", 20.0, 0.6, 0.002))
 
 
 def test_every_formula_is_looked_for_where_formulas_are(rig: Rig) -> None:

@@ -12,14 +12,14 @@ from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.exported import exported_error
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque
 
-from ..conftest import write_case
+from ..conftest import posed, write_case
 
 
 def looked_at(folder: Path, effects: list[Effect]) -> tuple[Any, list[Candidate], choice.Mismatch]:
@@ -97,3 +97,14 @@ def test_an_effect_whose_first_component_is_not_there_has_a_size_all_the_same(tm
         sizes = {one.effect: one.size for one in detectable(asked)}
         assert sizes["com_offset"] > 1e-5
         assert min(sizes.values()) > 0
+
+
+def test_a_start_that_leaves_the_first_parameter_where_it_is_says_nothing_of_its_size(rig: Rig) -> None:
+    """Of a joint that sits elsewhere x alone is asked for: by its starts along y and z any shift could be told, even none."""
+    asked = posed(rig, seconds=2.0, noise=1e-4)
+    options = [one for one in candidates(rig, asked.scales) if one.name == "joint_origin"]
+    empty = choice.tested(asked, options)
+    given: Any = SimpleNamespace(problem=asked, candidates=options, fitter=empty.fitter, chosen=empty.nominal, is_far=False)
+    (found,) = detectable(given)
+    assert (found.parameter, found.target) == ("x", "elbow")
+    assert found.size > 0
