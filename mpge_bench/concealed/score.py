@@ -193,7 +193,8 @@ def numbers(case: Truth, answer: Answer) -> dict[str, Any]:
             value, low, high = named[one["effect"], one["target"]].parameters[name]
             size = float(np.linalg.norm(true))
             worst = max(worst, float(np.linalg.norm(np.subtract(value, true))) / (size or 1.0))
-            for number, least, most, right in zip(*(np.atleast_1d(x) for x in (value, low, high, true)), strict=True):
+            # Of a vector nothing may be said of how sure its numbers are, in one word.
+            for number, least, most, right in zip(*np.broadcast_arrays(*(np.atleast_1d(x) for x in (value, low, high, true))), strict=True):
                 if least is not None and most is not None:
                     half = (most if right > number else least) - number
                     off.append([one["effect"], INTERVAL * float((right - number) / abs(half)) if right != number and half else 0.0])
