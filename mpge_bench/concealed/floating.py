@@ -141,7 +141,7 @@ def level(shape: Shape, effect: Effect) -> Effect:
         return effect
     if "vector" in values:
         in_plane = np.array(values["vector"]) * (1, 0, 1)
-        values["vector"] = neat(in_plane * (np.linalg.norm(values["vector"]) / np.linalg.norm(in_plane)), 3)
+        values["vector"] = neat(in_plane * (np.linalg.norm(values["vector"]) / np.linalg.norm(in_plane)) + 0.0, 3)
     if effect.kind == "ground_tilt":
         values |= {"x": 0.0, "y": math.copysign(math.hypot(values["x"], values["y"]), values["y"])}
     return Effect(effect.kind, effect.target, values)
