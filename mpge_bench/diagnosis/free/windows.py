@@ -146,7 +146,8 @@ class Windows:
         off = np.zeros((*path.shape[:2], 2 * layout.nv))
         off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
         start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
-        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift))
+        # About their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised().linearised()
 
     def from_recorded(self, effects: Sequence[Effect]) -> Array:
         """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).
