@@ -86,7 +86,7 @@ def test_rows_at_uneven_intervals_are_one_line(tossed: Tossed) -> None:
 
 
 def test_few_windows_that_move_by_far_leave_those_that_move_less(tossed: Tossed) -> None:
-    """A puck before noisy cameras: 8 of 75 windows were looked at, and a friction that was off by a sixth was not seen at all."""
+    """A puck before noisy cameras: 8 of 56 windows were looked at, and a friction that was off by a sixth was not seen at all."""
     folder, settings = tossed(tosses=4), replace(DEFAULT.free, moved=5000.0)
     far = made(folder, 60, replace(settings, few=1))
     assert 0 < len(far) < 5
