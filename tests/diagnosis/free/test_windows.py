@@ -65,7 +65,7 @@ def test_what_the_rig_itself_would_have_made_looks_like_the_rig(windows: Windows
 
 
 def test_they_are_predicted_from_starts_as_likely_as_those_of_what_was_recorded(tossed: Tossed) -> None:
-    """Their starts were off by their noise, across contacts that derivatives do not reach: what a ball without restitution missed looked like nothing beside."""
+    """Their starts were off by their noise, across contacts that derivatives do not reach: they seemed to miss three times the noise."""
     recorded = made(tossed(tosses=6, noise=5e-4), 24)
     first, second = (np.sqrt((one.residuals((), np.arange(len(one))) ** 2).mean(1)) for one in (recorded, recorded.imagined(0)))
     assert np.median(second) < 1.3 * np.median(first)
