@@ -354,7 +354,7 @@ def _cases() -> None:
     from mpge_bench.console import ConsoleProgress
 
     with contextlib.redirect_stderr(io.StringIO()), ConsoleProgress() as progress:
-        make_cases(Path(), 0, 3, 1, progress)
+        make_cases(Path(), {}, 3, 1, progress)
 
 
 def _diagnosis_in(folder: Path) -> None:

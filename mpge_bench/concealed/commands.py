@@ -26,16 +26,19 @@ _JOBS = os.cpu_count() or 1
 @app.command()
 def make(
     out: Annotated[Path, typer.Option(help="Folder for the cases: given/CASE may be read by a diagnosis, kept/CASE has the answer.")],
-    cases: Annotated[int, typer.Option(min=1, help="How many.")] = 200,
+    cases: Annotated[int, typer.Option(min=0, help="How many, of mechanisms on a fixed base.")] = 200,
+    geometry: Annotated[int, typer.Option(min=0, help="How many more, in which a joint sits elsewhere, or askew.")] = 0,
+    floating: Annotated[int, typer.Option(min=0, help="How many more, of mechanisms whose base is free: thrown, sliding or falling.")] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Another one makes other mechanisms, effects, sizes, motions and noise.")] = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = _JOBS,
 ) -> None:
     """Draw mechanisms with none, one, two or three effects, or one outside the catalogue, and record them in MuJoCo. Stopped, it goes on where it was.
 
     Of twenty cases two have nothing hidden, eight one effect, four two, two three, and four something that the catalogue does not have. Each effect is so
-    large that it alone makes at least as much of half a second's prediction as the sensors' noise.
+    large that it alone makes at least as much of half a second's prediction (a tenth, of free bases) as the sensors' noise. Cases of --geometry and --floating
+    have names of their own: they change none of the others of the same seed.
 
-    Example: python -m mpge_bench concealed make --cases 200 --seed 7 --out concealed
+    Example: python -m mpge_bench concealed make --cases 200 --geometry 20 --floating 40 --seed 7 --out concealed
     """
     try:
         from mpge_bench.concealed.make import make_cases
@@ -43,9 +46,13 @@ def make(
         raise UserError("cases are made in MuJoCo, which is not here; install it with: pip install mujoco") from error
     from mpge_bench.console import ConsoleProgress
 
+    counts = {"c": cases, "g": geometry, "f": floating}
+    if not sum(counts.values()):
+        raise UserError("--cases 0: no case is asked for; give --cases, --geometry or --floating")
     with ConsoleProgress() as progress:
-        made = make_cases(out, cases, seed, jobs, progress)
-    _out.print(f"{made} cases made; {out} holds {cases} of seed {seed}. Score a diagnosis on them with: python -m mpge_bench concealed score {out}")
+        made = make_cases(out, counts, seed, jobs, progress)
+    total = sum(counts.values())
+    _out.print(f"{made} cases made; {out} holds {total} of seed {seed}. Score a diagnosis on them with: python -m mpge_bench concealed score {out}")
 
 
 @app.command()

@@ -15,16 +15,18 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.free.predicted import predicted
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
 from mpge_bench.form import check
 
 _WHAT, _ADVICE = "comparison", "remove it, and it is made again"
-#: s that errors are predicted ahead.
-HORIZON = 0.5
+#: s that errors are predicted ahead: on a fixed base in the air, and of what moves freely or touches something, where the next impact is chaotic.
+HORIZON, SHORT = 0.5, 0.1
 #: By name, how each is told, and ``module:function`` of a `Comparator`, imported when asked for: one of them needs torch.
 COMPARATORS = {
     "all_parameters": ("all parameters at once", "mpge_bench.concealed.all_parameters:identified"),
@@ -37,7 +39,7 @@ class Learnt:
     """A corrected simulator.
 
     Attributes:
-        predict: coordinates of a recording, shape (rows, joints), restarted from the recorded state every `HORIZON` s.
+        predict: coordinates of a recording, shape (rows, nq), restarted from the recorded state every `HORIZON` s, or `SHORT`.
         said: what there is to say of how it was learnt.
     """
 
@@ -51,12 +53,16 @@ Comparator = Callable[[Rig, Sequence[Recording]], Learnt]
 
 def with_effects(rig: Rig, effects: Sequence[Effect] = ()) -> Learnt:
     """`rig` with `effects`."""
-    return Learnt(lambda recording: simulate(rig, recording, HORIZON, effects).q)
+    if rig.is_tree:
+        return Learnt(lambda recording: simulate(rig, recording, HORIZON, effects).q)
+    return Learnt(lambda recording: predicted(rig, recording, SHORT, effects=effects).q)
 
 
-def unseen_error(learnt: Learnt, recordings: Sequence[Recording]) -> float:
-    """Root mean square of what `learnt` misses of the positions."""
-    return float(np.sqrt(np.mean([np.mean((learnt.predict(one) - one.q) ** 2) for one in recordings])))
+def unseen_error(learnt: Learnt, recordings: Sequence[Recording], layout: Layout) -> float:
+    """Root mean square of what `learnt` misses of the positions, of a free base of place and orientation too (m and rad alike)."""
+    still = [np.zeros((len(one.q), layout.nv)) for one in recordings]
+    off = [layout.dx(layout.minus(layout.state(learnt.predict(one), v), layout.state(one.q, v))) for one, v in zip(recordings, still, strict=True)]
+    return float(np.sqrt(np.mean([np.mean(one**2) for one in off])))
 
 
 def comparators(names: str) -> list[str]:
@@ -75,11 +81,14 @@ def comparators(names: str) -> list[str]:
 def compare(name: str, rig_path: Path, given: Sequence[Path], unseen: Sequence[Path], out: Path) -> None:
     """Have comparator `name` learn from the recordings `given`, and keep its error on the `unseen` ones, or why it has none, in OUT/NAME.json."""
     begun, rig = time.monotonic(), read_rig(rig_path)
-    module, _, function = COMPARATORS[name][1].partition(":")
+    label, address = COMPARATORS[name]
+    module, _, function = address.partition(":")
     comparator: Comparator = getattr(importlib.import_module(module), function)
     try:
+        if not rig.is_tree:
+            raise UserError(f"{label} takes mechanisms on a fixed base that touch nothing")
         learnt = comparator(rig, [read_recording(path, rig) for path in given])
-        found = {"error": unseen_error(learnt, [read_recording(path, rig) for path in unseen]), **learnt.said}
+        found = {"error": unseen_error(learnt, [read_recording(path, rig) for path in unseen], rig.layout), **learnt.said}
     except (UserError, np.linalg.LinAlgError) as error:
         found = {"error": None, "failed": str(error)}
     write_text(file_of(name, out), json.dumps({"seconds": time.monotonic() - begun, **found}, indent=1))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import yaml
 
-from mpge_bench.concealed.draw import drawn, key_of, missed, visibility
+from mpge_bench.concealed import thrown
+from mpge_bench.concealed.draw import POOLS, drawn, key_of, missed, rig_of, visibility
+from mpge_bench.concealed.floating import FloatingRig
 from mpge_bench.concealed.laws import UNCATALOGUED
-from mpge_bench.concealed.mechanism import GRAVITY, PERIOD, ROWS, SERVO_STEPS, Array, Case, Effect, H, Rig, Values, absolute, urdf
+from mpge_bench.concealed.mechanism import GRAVITY, PERIOD, ROWS, SERVO_STEPS, TRIES, Array, Case, Effect, H, Rig, Values, absolute
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.concealed.recorded import Commands, Sensors, Truth
 from mpge_bench.console import ConsoleProgress
@@ -23,8 +27,6 @@ from mpge_bench.form import check
 
 #: Says what a folder of cases is made of.
 MANIFEST = "cases.json"
-#: How often a recording is made with less and less asked of it, until no joint goes round or trembles.
-TRIES = 12
 #: Draws of a case until one can be recorded: few cannot (a pair of servos trembled, however little was asked of it).
 DRAWS = 5
 #: Share of the velocities' spread by which their means over rows and the way gone miss each other at most (eight rows a turn): rows must follow the motion.
@@ -50,15 +52,17 @@ def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROW
         folder.mkdir(parents=True, exist_ok=True)
     noise = dict(zip(("q", "dq") if sensors.has_dq else ("q",), sensors.noise, strict=False))
     belief = _belief(rig) | ({"noise": noise} if "told" in case.options else {})
-    (folders["train"] / "robot.urdf").write_text(urdf(rig.links, rig.efforts))
+    (folders["train"] / "robot.urdf").write_text(rig.text(rig.links))
     (folders["train"] / "rig.yaml").write_text(yaml.safe_dump(belief, sort_keys=False))
 
     errors, peaks = [], []
-    for k, (name, kind) in enumerate(KINDS.items()):
-        read, clean = _recorded(rig, effects, sensors, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]), size)
-        _write(folders[name.split("_")[0]] / f"{name}.csv", rig, sensors, read[:rows])
-        errors.append(missed(rig, clean))
-        peaks.append(np.abs(clean[:, 1:]).max((0, 2)))
+    for k, (name, kind) in enumerate(kinds_of(rig).items()):
+        part = name.split("_")[0]
+        eyes = sensors.best() if part == "test" else sensors
+        read, off, most = _motion(rig, effects, eyes, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]), size)
+        _write(folders[part] / f"{name}.csv", rig, eyes, read[:rows])
+        errors.append(off)
+        peaks.append(most)
     answers = [{"effect": e.kind, "target": e.target, "catalogued": e.kind not in UNCATALOGUED, "value": e.values} for e in effects]
     # Last: a case without its answer is none.
     label = {"effects": answers, "noise_q": noise["q"], "noise_dq": noise.get("dq")}
@@ -82,29 +86,44 @@ def play(case: Case, seed: int, commands: Array, path: Path) -> float:
     return float(np.abs(clean[: len(commands), 1]).max())
 
 
+def kinds_of(rig: Rig) -> dict[str, str]:
+    """The names of a case's recordings, and of what kind their commands are."""
+    if not isinstance(rig, FloatingRig):
+        return KINDS
+    names = [f"{part}_{index:02d}" for part, count in (("train", rig.shape.given), ("test", rig.shape.kept)) for index in range(count)]
+    return dict(zip(names, itertools.cycle(("sines", "steps", "noise"))))
+
+
 def _system(case: Case, key: list[int]) -> tuple[Rig, list[Effect], Sensors]:
     """The mechanism of the case drawn by `key`, what is hidden in it, and what reads it."""
     rng = np.random.default_rng(key)
-    rig = Rig(case, rng)
+    rig = rig_of(case, rng)
     effects = absolute(case, rig, rng)
-    return rig, effects, Sensors(case, effects, rig.joints)
+    return rig, effects, (thrown.Cameras if isinstance(rig, FloatingRig) else Sensors)(case, effects, rig.joints)
 
 
 def _write(path: Path, rig: Rig, sensors: Sensors, read: Array) -> None:
-    """A recording of what was `read` of u, q and dq, shape (rows, 3, joints), as far as there are sensors for it."""
-    channels = ["u", "q", "dq"][: 3 if sensors.has_dq else 2]
-    header = ",".join(["time", *(f"{channel}_{joint}" for channel in channels for joint in rig.joints)])
-    rows = read[:, : len(channels)]
-    table = np.column_stack([np.arange(len(rows)) * PERIOD, rows.reshape(len(rows), -1)])
-    np.savetxt(path, table, fmt="%.6g", delimiter=",", header=header, comments="")
+    """A recording of what was `read` of u, q and dq, shape (rows, ...), as far as there are sensors for it."""
+    names = ["time", *itertools.chain(*rig.columns[: 3 if sensors.has_dq else 2])]
+    table = np.column_stack([np.arange(len(read)) * PERIOD, read.reshape(len(read), -1)[:, : len(names) - 1]])
+    np.savetxt(path, table, fmt="%.6g", delimiter=",", header=",".join(names), comments="")
 
 
 def _belief(rig: Rig) -> Values:
     """rig.yaml of `rig`, without the noise."""
-    modes: dict[str, Values] = {link.joint: {"mode": link.mode} for link in rig.links}
+    modes: dict[str, Values] = {link.joint: {"mode": link.mode} for link in rig.links if link.joint}
     for i in np.flatnonzero(rig.servo):
         modes[rig.joints[i]] |= {"kp": float(rig.kp[i]), "kd": float(rig.kd[i]), "servo_period": SERVO_STEPS * H}
-    return {"robot": "robot.urdf", "base": "fixed", "gravity": list(GRAVITY), "timestep": 0.001, "record_period": PERIOD, "joints": modes}
+    return {"robot": "robot.urdf", "base": "fixed", "gravity": list(GRAVITY), "timestep": 0.001, "record_period": PERIOD, "joints": modes} | rig.told()
+
+
+def _motion(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng: np.random.Generator, size: float) -> tuple[Array, Array, Array]:
+    """Rows of a recording, what the rig as believed misses of them (`missed`), and the joints' largest q and dq, shape (2,); arguments as of `_recorded`."""
+    if isinstance(rig, FloatingRig) and isinstance(sensors, thrown.Cameras):
+        motion = thrown.played(rig, effects, sensors, kind, rng, size)
+        return motion.read, thrown.missed(rig, motion), np.array([np.abs(motion.qpos[:, 7:]).max(initial=0.0), np.abs(motion.qvel[:, 6:]).max(initial=0.0)])
+    read, clean = _recorded(rig, effects, sensors, kind, rng, size)
+    return read, missed(rig, clean), np.abs(clean[:, 1:]).max((0, 2))
 
 
 def _recorded(rig: Rig, effects: list[Effect], sensors: Sensors, kind: str, rng: np.random.Generator, size: float) -> tuple[Array, Array]:
@@ -133,8 +152,8 @@ def _trembles(q: Array, dq: Array, noise: float) -> bool:
     return bool(((missed > ROUGHEST * np.std(dq, axis=0)) & (missed > noise)).any())
 
 
-def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsoleProgress) -> int:
-    """Draw `count` cases of `seed` and write to `out` those that are not there yet; how many were missing.
+def make_cases(out: Path, counts: Mapping[str, int], seed: int, jobs: int, progress: ConsoleProgress) -> int:
+    """Draw so many cases of `seed` of each pool (its letter, as of `POOLS`) and write to `out` those that are not there yet; how many were missing.
 
     Raises:
         UserError: if `out` holds cases of another seed.
@@ -144,9 +163,10 @@ def make_cases(out: Path, count: int, seed: int, jobs: int, progress: ConsolePro
         raise UserError(f"{out}: holds cases of seed {found}, says {MANIFEST}; give another --out, or --seed {found}")
     out.mkdir(parents=True, exist_ok=True)
     write_text(manifest, json.dumps(asked))
-    missing = [index for index in range(count) if not (out / "kept" / f"c{index:04d}" / "label.yaml").exists()]
+    wanted = [(index, pool) for pool, count in counts.items() for index in range(count)]
+    missing = [(index, pool) for index, pool in wanted if not (out / "kept" / f"{pool}{index:04d}" / "label.yaml").exists()]
     progress.stage("making cases", len(missing))
-    for _ in each_done(jobs, _made, [(out, seed, index) for index in missing]):
+    for _ in each_done(jobs, _made, [(out, seed, *one) for one in missing]):
         progress.advance(1)
     return len(missing)
 
@@ -159,11 +179,11 @@ def _seed_in(manifest: Path) -> int:
     return int(data["seed"])
 
 
-def _made(out: Path, seed: int, index: int) -> None:
+def _made(out: Path, seed: int, index: int, pool: str) -> None:
     # Of commands that turned out too large; `record` looks for itself.
     mujoco.set_mju_user_warning(lambda text: None)
     for turn in range(DRAWS):
-        case = drawn(seed, index, turn)
+        case = drawn(seed, index, POOLS[pool], turn)
         try:
             make(case, out, seed)
             return

@@ -19,6 +19,8 @@ H, PERIOD, ROWS, SERVO_STEPS = 0.0005, 0.01, 1000, 2
 STEPS = round(PERIOD / H)
 #: 1/s, times mass × length², of the joints of `damped` cases: declared in the URDF, and so part of what both the rig and the truth say.
 DAMPING = 0.3
+#: How often a recording is made with less and less asked of it, until no joint goes round or trembles.
+TRIES = 12
 GRAVITY = (0.0, 0.0, -9.81)
 Values = dict[str, Any]
 
@@ -108,7 +110,7 @@ def build(mechanism: str, rng: np.random.Generator, damped: bool) -> list[Link]:
 def altered(links: list[Link], effects: list[Effect]) -> list[Link]:
     """The links as they really are."""
     links = deepcopy(links)
-    for effect, link in ((effect, link) for effect in effects for link in links if link.name == effect.target):
+    for effect, link in ((effect, link) for effect in effects for link in links if effect.target in (link.name, link.joint)):
         v = effect.values
         if effect.kind == "mass_scale":  # the link is denser: its inertia grows with it
             link.mass, link.inertia = link.mass * v["factor"], link.inertia * v["factor"]
@@ -122,17 +124,33 @@ def altered(links: list[Link], effects: list[Effect]) -> list[Link]:
             link.com = np.sum([mass * at for mass, at in parts], axis=0) / link.mass
             for mass, r in ((mass, at - link.com) for mass, at in parts):
                 link.inertia = link.inertia + mass * (r @ r * np.eye(3) - np.outer(r, r))
+        elif effect.kind == "link_length":
+            link.origin = link.origin * (1 + v["longer"] / np.linalg.norm(link.origin))
+        elif effect.kind == "joint_origin":
+            link.origin = link.origin + np.array([v["x"], v["y"], v["z"]])
+        elif effect.kind == "joint_axis":
+            link.axis = " ".join(repr(float(x)) for x in tilted(np.array(link.axis.split(), float), v["first"], v["second"]))
     return links
 
 
-def urdf(links: list[Link], efforts: list[float]) -> str:
-    text, parent = ['<robot name="rig">', '<link name="base"/>'], "base"
+def tilted(axis: Array, first: float, second: float) -> Array:
+    """An axis turned by so many degrees about two directions across it: the coordinate axis most nearly across, as far as it is, and that across both."""
+    across = np.eye(3)[np.argmin(np.abs(axis))]
+    across = across - (across @ axis) * axis
+    across = across / np.linalg.norm(across)
+    by = math.radians(first) * across + math.radians(second) * np.cross(axis, across)
+    angle = float(np.linalg.norm(by))
+    # Of a rotation about a direction across the axis.
+    return np.asarray(math.cos(angle) * axis + math.sin(angle) / angle * np.cross(by, axis))
+
+
+def urdf(links: list[Link], efforts: list[float], base: str = '<link name="base"/>') -> str:
+    """The mechanism; `base` is the link that carries the first joint, as the file has it."""
+    text, parent = ['<robot name="rig">', base], base.split('"')[1]
     for link, effort in zip(links, efforts, strict=True):
-        com, origin = (" ".join(repr(float(x)) for x in v) for v in (link.com, link.origin))
-        inertia = " ".join(f'i{"xyz"[a]}{"xyz"[b]}="{float(link.inertia[a, b])!r}"' for a in range(3) for b in range(a, 3))
-        kind = "prismatic" if link.joint == "slide" else "revolute"
+        kind, origin = "prismatic" if link.joint == "slide" else "revolute", " ".join(repr(float(x)) for x in link.origin)
         text += [
-            f'<link name="{link.name}"><inertial><origin xyz="{com}"/><mass value="{link.mass!r}"/><inertia {inertia}/></inertial></link>',
+            body(link),
             f'<joint name="{link.joint}" type="{kind}"><parent link="{parent}"/><child link="{link.name}"/><origin xyz="{origin}"/><axis xyz="{link.axis}"/>',
             f'<limit lower="-1000.0" upper="1000.0" effort="{effort!r}" velocity="100"/><dynamics damping="{link.damping!r}" friction="0"/></joint>',
         ]
@@ -140,15 +158,32 @@ def urdf(links: list[Link], efforts: list[float]) -> str:
     return "\n".join([*text, "</robot>", ""])
 
 
+def body(link: Link, shape: str = "") -> str:
+    """The link itself, with the `shape` by which it touches things, as the file has it."""
+    com = " ".join(repr(float(x)) for x in link.com)
+    inertia = " ".join(f'i{"xyz"[a]}{"xyz"[b]}="{float(link.inertia[a, b])!r}"' for a in range(3) for b in range(a, 3))
+    return f'<link name="{link.name}"><inertial><origin xyz="{com}"/><mass value="{link.mass!r}"/><inertia {inertia}/></inertial>{shape}</link>'
+
+
 def load(links: list[Link], step: float = H) -> tuple[Any, Any]:
     """MuJoCo's model and data of the mechanism alone, without limits or contacts."""
-    spec = mujoco.MjSpec.from_string(urdf(links, [0.0] * len(links)))
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.compiler.balanceinertia = spec.compiler.fusestatic = False
+    return free_of_contacts(exactly(urdf(links, [0.0] * len(links))), step)
+
+
+def free_of_contacts(spec: Any, step: float) -> tuple[Any, Any]:
+    """MuJoCo's model and data of a specification, without limits or contacts."""
     model = spec.compile()
     model.opt.timestep, model.opt.gravity, model.opt.integrator = step, GRAVITY, mujoco.mjtIntegrator.mjINT_EULER
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     return model, mujoco.MjData(model)
+
+
+def exactly(text: str) -> Any:
+    """MuJoCo's specification of a URDF, whose inertias and links it leaves as they are."""
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    spec.compiler.balanceinertia = spec.compiler.fusestatic = False
+    return spec
 
 
 def inverse_mass(model: Any, data: Any) -> Array:
@@ -159,6 +194,9 @@ def inverse_mass(model: Any, data: Any) -> Array:
 
 class Rig:
     """What the simulator believes of a case, and the measures of torque and inertia that the case's sizes are relative to."""
+
+    #: Velocities of its base, which stand before the joints'.
+    base_dofs = 0
 
     def __init__(self, case: Case, rng: np.random.Generator) -> None:
         self.links = build(case.mechanism, rng, "damped" in case.options)
@@ -177,6 +215,24 @@ class Rig:
         self.efforts = neat(3 * self.drive * self.driven, 3)
         pace = 2 * math.pi * rng.uniform(1.2, 1.8, model.nv) * self.servo
         self.kp, self.kd = np.array(neat(self.inertia * pace**2, 3)), np.array(neat(self.inertia * pace * rng.uniform(0.8, 1.2, model.nv), 3))
+
+    def real(self, effects: list[Effect]) -> tuple[Any, Any]:
+        """MuJoCo's model and data of the mechanism whose links have `effects`."""
+        return load(altered(self.links, effects))
+
+    def text(self, links: list[Link]) -> str:
+        """The URDF of the rig with these links."""
+        return urdf(links, self.efforts)
+
+    @property
+    def columns(self) -> tuple[list[str], list[str], list[str]]:
+        """What recordings call its commands, q and dq."""
+        commands, angles, speeds = ([f"{channel}_{joint}" for joint in self.joints] for channel in ("u", "q", "dq"))
+        return commands, angles, speeds
+
+    def told(self) -> Values:
+        """What rig.yaml says of the base beside what it says of all."""
+        return {}
 
     def torque(self, u: Array, q: Array, w: Array) -> Array:
         """What the drives make of the commands."""
@@ -206,8 +262,10 @@ def absolute(case: Case, rig: Rig, rng: np.random.Generator) -> list[Effect]:
         i = next((k for k, link in enumerate(rig.links) if effect.target in (link.joint, link.name)), 0)
         link, values = rig.links[i], dict(effect.values)
         units = dict.fromkeys(("torque", "stall", "coulomb", "static", "stiffness", "damping", "quadratic", "forward", "backward"), rig.drive[i])
-        units |= dict.fromkeys(("inertia", "motor_inertia"), rig.inertia[i]) | dict.fromkeys(("distance", "x", "y", "z"), link.length)
+        units |= dict.fromkeys(("inertia", "motor_inertia"), rig.inertia[i]) | dict.fromkeys(("distance", "x", "y", "z", "longer"), link.length)
         units |= {"mass": link.mass, "vector": 9.81 * link.mass if effect.kind == "external_force" else 1.0}
+        # Of a tilted ground x and y are angles.
+        units |= {"x": 1.0, "y": 1.0} if effect.kind == "ground_tilt" else {}
         for name, value in effect.values.items():
             if isinstance(value, str):
                 continue
@@ -219,5 +277,8 @@ def absolute(case: Case, rig: Rig, rng: np.random.Generator) -> list[Effect]:
             motor, pace = values["motor_inertia"], 2 * math.pi * values["hz"]
             both = motor * rig.inertia[i] / (motor + rig.inertia[i])
             values = {"stiffness": both * pace**2, "damping": 2 * values["ratio"] * both * pace, "motor_inertia": motor}
+        if effect.kind == "contact_compliance":
+            pace = 2 * math.pi * values["hz"]
+            values = {"stiffness": link.mass * pace**2, "damping": 2 * values["ratio"] * link.mass * pace}
         done.append(Effect(effect.kind, effect.target, {name: x if isinstance(x, str) else neat(x, 3) for name, x in values.items()}))
     return done or case.effects

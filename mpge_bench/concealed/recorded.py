@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mpge_bench.concealed.laws import ACTUATOR, DRY, JOINT, Law
-from mpge_bench.concealed.mechanism import PERIOD, ROWS, SERVO_STEPS, STEPS, Array, Case, Effect, H, Rig, altered, inverse_mass, load, neat
+from mpge_bench.concealed.mechanism import PERIOD, ROWS, SERVO_STEPS, STEPS, Array, Case, Effect, H, Rig, inverse_mass, neat
 
 
 class Sensors:
@@ -24,6 +24,10 @@ class Sensors:
         self.tick = next((2 * math.pi / n for n in (1024, 4096) if f"enc{n}" in case.options), 0.0)
         self.has_dq = not self.tick and "no_dq" not in case.options
         self.noise = (0.002, 0.02) if "loud" in case.options else (neat(self.tick / math.sqrt(12), 3) or 0.0005, 0.005)
+
+    def best(self) -> Sensors:
+        """Those by which an answer is tried: the same."""
+        return self
 
     def exact(self, path: list[tuple[list[float], list[float]]]) -> Array:
         """q and dq as shown now, without noise; before the path begins the mechanism was held where it begins."""
@@ -82,7 +86,7 @@ class Truth:
 
     def __init__(self, rig: Rig, effects: list[Effect]) -> None:
         self.rig = rig
-        self.model, self.data = load(altered(rig.links, effects))
+        self.model, self.data = rig.real(effects)
         self.laws: dict[str, list[tuple[int, Law]]] = {"actuator": [], "joint": [], "dry": []}
         for effect in effects:
             for group, table in (("actuator", ACTUATOR), ("joint", JOINT), ("dry", DRY)):
@@ -97,11 +101,11 @@ class Truth:
             elif effect.kind == "external_force":  # at the link's centre of mass
                 self.data.xfrc_applied[self.model.body(effect.target).id, :3] = effect.values["vector"]
             elif effect.kind == "armature":
-                self.model.dof_armature[rig.joints.index(effect.target)] = effect.values["inertia"]
+                self.model.dof_armature[rig.base_dofs + rig.joints.index(effect.target)] = effect.values["inertia"]
 
     def record(self, commands: Callable[[int, Array, Array], Array], start: Array, sensors: Sensors, rng: np.random.Generator) -> tuple[Array, Array]:
         """Rows of command, q and dq, as recorded and as they would be without noise."""
-        model, data = self.model, self.data
+        data = self.data
         data.qpos[:], data.qvel[:] = start
         path, seen, rows, clean = [(data.qpos.tolist(), data.qvel.tolist())], None, [], []
         for row in range(ROWS):
@@ -110,32 +114,43 @@ class Truth:
             u = commands(row, *seen)
             rows.append([u, *seen])
             clean.append([u, *exact])
-            for step in range(STEPS):
-                (q, w), t = path[-1], row * PERIOD + step * H
-                if step % SERVO_STEPS == 0:
-                    drive = self.rig.torque(u, data.qpos, data.qvel).tolist()
-                tau = list(drive)
-                for i, law in self.laws["actuator"]:
-                    tau[i] = law(tau[i], q, w, t)
-                total = list(tau)
-                for i, law in self.laws["joint"]:
-                    total[i] += law(tau[i], q, w, t)
-                data.qfrc_applied[:] = total
-                if self.laws["dry"]:
-                    self.stick([(i, law(tau[i], q, w, t)) for i, law in self.laws["dry"]], w)
-                else:
-                    mujoco.mj_step(model, data)
-                path.append((data.qpos.tolist(), data.qvel.tolist()))
+            self.advance(row, u, path)
         if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
             raise RuntimeError("the simulation is unstable")
         return np.array(rows), np.array(clean)
 
-    def stick(self, levels: list[tuple[int, float]], w: list[float]) -> None:
+    def advance(self, row: int, u: Array, path: list[tuple[list[float], list[float]]]) -> None:
+        """From row `row` to the next under the commands `u`; every step's q and dq of the joints are added to `path`."""
+        # Views of what MuJoCo changes.
+        force, angles, speeds = (x[len(x) - len(self.rig.joints) :] for x in (self.data.qfrc_applied, self.data.qpos, self.data.qvel))
+        for step in range(STEPS):
+            (q, w), t = path[-1], row * PERIOD + step * H
+            if step % SERVO_STEPS == 0:
+                drive = self.rig.torque(u, angles, speeds).tolist()
+            tau = list(drive)
+            for i, law in self.laws["actuator"]:
+                tau[i] = law(tau[i], q, w, t)
+            total = list(tau)
+            for i, law in self.laws["joint"]:
+                total[i] += law(tau[i], q, w, t)
+            force[:] = total
+            if self.laws["dry"]:
+                self.stick([(i, law(tau[i], q, w, t)) for i, law in self.laws["dry"]])
+            else:
+                self.step()
+            path.append((angles.tolist(), speeds.tolist()))
+
+    def step(self) -> None:
+        """One of `H`, s."""
+        mujoco.mj_step(self.model, self.data)
+
+    def stick(self, levels: list[tuple[int, float]]) -> None:
         """One step with dry friction: each joint's is what would stop it within the step, as far as its level goes (Gauss-Seidel over the joints)."""
         model, data = self.model, self.data
+        levels = [(self.rig.base_dofs + i, level) for i, level in levels]
         mujoco.mj_step1(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        columns, after = inverse_mass(model, data), np.array(w) + H * data.qacc_smooth
+        columns, after = inverse_mass(model, data), data.qvel + H * data.qacc_smooth
         friction = [0.0] * len(levels)
         for _ in range(1 if len(levels) == 1 else 12):
             for k, (i, level) in enumerate(levels):

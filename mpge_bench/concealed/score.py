@@ -17,7 +17,7 @@ from mpge_bench.concealed.compare import compare, file_of, kept_errors, unseen_e
 from mpge_bench.concealed.pool import each_done
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.data.recording import read_recording
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import reading, yaml_of
@@ -144,7 +144,8 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         case, group, truth, found, remark, p_value, complete, seconds; `right`: effects and places exactly so; `credit`: 1 for that, 1/n where it is one of n
         answers that are said to be equals; alarm, false_name and formula (None where it is not asked); parameter_error, the largest relative one; inside
         and numbers, of 95% intervals; off, standard deviations by which each number is off by its interval; confidences, each with whether the effect is
-        there; error, nothing and true: root mean square of positions, .5 s ahead, on recordings that nobody has looked at, and the same of comparators that
+        there; error, nothing and true: root mean square of positions, .5 s ahead (.1 s where nothing holds the base; its place in m and orientation in rad
+        among them), on recordings that nobody has looked at, and the same of comparators that
         have learnt the case, by their names; passed.
     """
     # The label first: what is wrong with it is no fault of the answer.
@@ -192,7 +193,8 @@ def numbers(case: Truth, answer: Answer) -> dict[str, Any]:
             value, low, high = named[one["effect"], one["target"]].parameters[name]
             size = float(np.linalg.norm(true))
             worst = max(worst, float(np.linalg.norm(np.subtract(value, true))) / (size or 1.0))
-            for number, least, most, right in zip(*(np.atleast_1d(x) for x in (value, low, high, true)), strict=True):
+            # Of a vector nothing may be said of how sure its numbers are, in one word.
+            for number, least, most, right in zip(*np.broadcast_arrays(*(np.atleast_1d(x) for x in (value, low, high, true))), strict=True):
                 if least is not None and most is not None:
                     half = (most if right > number else least) - number
                     off.append([one["effect"], INTERVAL * float((right - number) / abs(half)) if right != number and half else 0.0])
@@ -203,13 +205,17 @@ def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
     """Of unseen recordings."""
     rig = read_rig(case.given / "rig.yaml")
     tests = [read_recording(path, rig) for path in case.unseen]
-    nothing = unseen_error(with_effects(rig), tests)
-    corrected = unseen_error(with_effects(read_rig(Path(answer.corrected))), tests) if answer.corrected and Path(answer.corrected).exists() else nothing
+
+    def error(corrected: Rig, effects: Sequence[Effect] = ()) -> float:
+        return unseen_error(with_effects(corrected, effects), tests, rig.layout)
+
+    nothing = error(rig)
+    corrected = error(read_rig(Path(answer.corrected))) if answer.corrected and Path(answer.corrected).exists() else nothing
     true = None
     if not case.is_outside:
         # What our simulator cannot carry has no error.
         with suppress(UserError):
-            true = unseen_error(with_effects(rig, rig.joined((), *(_effect(one) for one in case.effects))), tests)
+            true = error(rig, rig.joined((), *(_effect(one) for one in case.effects)))
     return {"error": corrected, "nothing": nothing, "true": true}
 
 

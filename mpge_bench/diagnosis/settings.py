@@ -292,6 +292,7 @@ class FreeSettings:
     window: float = _setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")
     fewest_rows: int = _setting(5, "rows", "of a window: fewer are nothing but their start")
     moved: float = _setting(30.0, "standard deviations of q", "what moves less within a window tells nothing")
+    stirred: float = _setting(8.0, "standard deviations of q", "the same where few windows move by as much: more than the noise alone looks like")
     run_in: int = _setting(2, "rows", "before a window's start through which the simulator runs: a solver needs a few steps to be warm")
     screening: int = _setting(3000, "windows", "predicted to look at all hypotheses once, and again for the test")
     fewest: int = _setting(24, "windows", "are looked at, however many hypotheses there are")

@@ -146,7 +146,8 @@ class Windows:
         off = np.zeros((*path.shape[:2], 2 * layout.nv))
         off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
         start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
-        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift))
+        # About their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised().linearised()
 
     def from_recorded(self, effects: Sequence[Effect]) -> Array:
         """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).
@@ -181,7 +182,10 @@ def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: S
             places.append((number, row, float(np.abs(moved).max())))
     if not places:
         raise UserError(f"{recordings[0].path}: no recording is longer than a window of {count + 1} rows; record for longer")
-    moving = [one for one in places if one[2] > settings.moved] or places
+    # Few windows that move by far are no reason to leave out those that move less, as all do before noisy cameras.
+    most = sorted((moved for _, _, moved in places), reverse=True)[: settings.few]
+    least = min(settings.moved, max(settings.stirred, most[-1]))
+    moving = [one for one in places if one[2] >= least] or places
     chosen = [moving[index] for index in np.unique(np.linspace(0, len(moving) - 1, min(total, len(moving))).round().astype(int))]
     pieces = []
     for number, row, _ in chosen:

@@ -45,7 +45,7 @@ def test_all_parameters_at_once_come_near_where_they_can_say_it(folder: Path, mo
     monkeypatch.setattr(all_parameters, "STARTS", 1)
     rig, given, unseen = read(folder)
     found = all_parameters.identified(rig, given)
-    assert unseen_error(found, unseen) < 0.1 * unseen_error(with_effects(rig), unseen)
+    assert unseen_error(found, unseen, rig.layout) < 0.1 * unseen_error(with_effects(rig), unseen, rig.layout)
     assert found.said["converged"]
     assert {one["effect"] for one in found.said["effects"]} == set(all_parameters.USUAL)
 
@@ -54,7 +54,7 @@ def test_a_residual_learns_what_the_simulator_lacks(folder: Path, monkeypatch: p
     monkeypatch.setattr(residual, "EPOCHS", 30)
     rig, given, unseen = read(folder)
     found = residual.trained(rig, given)
-    assert unseen_error(found, unseen) < 0.5 * unseen_error(with_effects(rig), unseen)
+    assert unseen_error(found, unseen, rig.layout) < 0.5 * unseen_error(with_effects(rig), unseen, rig.layout)
     before, after = found.said["held_out"]
     assert after < 0.5 * before
     assert found.predict(unseen[0]).tolist() == found.predict(unseen[0]).tolist()
@@ -63,7 +63,7 @@ def test_a_residual_learns_what_the_simulator_lacks(folder: Path, monkeypatch: p
 def test_an_untrained_residual_changes_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(residual, "EPOCHS", 0)
     rig, given, unseen = read(folder)
-    assert unseen_error(residual.trained(rig, given), unseen) == pytest.approx(unseen_error(with_effects(rig), unseen), rel=1e-6)
+    assert unseen_error(residual.trained(rig, given), unseen, rig.layout) == pytest.approx(unseen_error(with_effects(rig), unseen, rig.layout), rel=1e-6)
 
 
 class Nothing:
@@ -128,6 +128,6 @@ def test_torch_is_imported_by_the_residual_alone() -> None:
 
 
 def test_errors_are_of_all_recordings_alike(folder: Path) -> None:
-    _, given, _ = read(folder)
+    rig, given, _ = read(folder)
     off = Learnt(lambda one: one.q + (0.3 if one is given[0] else 0.4))
-    assert unseen_error(off, given[:2]) == pytest.approx(float(np.sqrt((0.09 + 0.16) / 2)))
+    assert unseen_error(off, given[:2], rig.layout) == pytest.approx(float(np.sqrt((0.09 + 0.16) / 2)))
