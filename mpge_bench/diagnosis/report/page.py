@@ -42,9 +42,13 @@ _DESCRIBED = {
 }
 
 
+#: Of none that is taken for one, though it is not taken for chance.
+_FAINT = ("Hardly a mismatch", "Something shows that is not the noise by chance; it is about as small, and nothing known here mends it.")
+
+
 def report_html(result: DiagnosisResult) -> str:
     """One HTML page that needs nothing else: style and plots are within it, and it asks for nothing from a network."""
-    heading, gist = _DESCRIBED.get(result.explained_by, _VERDICTS[result.verdict])
+    heading, gist = _FAINT if result.is_faint else _DESCRIBED.get(result.explained_by, _VERDICTS[result.verdict])
     evidence = result.evidence
     joints = [finite_rows(joint) for joint in evidence.joints]
     joints.sort(key=lambda joint: -joint.share if math.isfinite(joint.share) else 0.0)
@@ -63,6 +67,7 @@ def report_html(result: DiagnosisResult) -> str:
     return render(
         "diagnosis/report/report.html.j2",
         verdict=result.verdict,
+        is_faint=result.is_faint,
         title=heading,
         gist=gist,
         summary=result.summary,

@@ -66,6 +66,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         untold=lost,
         more_data=more,
         changes=changing,
+        is_faint=verdict == "no_mismatch" and choice.test.p_value < settings.choose.significance,
     )
     return result, chosen.effects
 

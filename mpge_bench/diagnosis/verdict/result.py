@@ -202,6 +202,7 @@ class DiagnosisResult:
         more_data: needed, where there is too little.
         changes: parameters that are not the same throughout.
         next_experiment: where answers cannot be told apart, or too little data is there.
+        is_faint: whether something shows that the test does not take for chance, though it is about as small as the noise and nothing mends it.
     """
 
     verdict: str
@@ -223,6 +224,7 @@ class DiagnosisResult:
     more_data: MoreData | None = None
     changes: tuple[Change, ...] = ()
     next_experiment: NextExperiment | None = None
+    is_faint: bool = False
 
     @property
     def explained_by(self) -> str:
@@ -241,6 +243,7 @@ class DiagnosisResult:
             "verdict": self.verdict,
             "p_value": self.p_value,
             "p_is_bound": self.p_is_bound,
+            "is_faint": self.is_faint,
             "explained_by": self.explained_by,
             "untold": self.untold,
             "more_data": self.more_data and vars(self.more_data),
@@ -290,6 +293,7 @@ class DiagnosisResult:
             settings=DiagnosisSettings.from_dict(data.get("settings") or {}),
             evidence=evidence,
             p_is_bound=data.get("p_is_bound", False),
+            is_faint=data.get("is_faint", False),
             untold=tuple(tuple(group) for group in data.get("untold") or ()),
             more_data=MoreData(**more) if (more := data.get("more_data")) else None,
             changes=tuple(Change(**{**one, "span": tuple(one["span"]), "values": tuple(one["values"])}) for one in data.get("changes") or ()),

@@ -188,6 +188,16 @@ def test_no_mismatch_shows_no_correction():
     assert "→" not in page.text
 
 
+def test_what_is_faint_is_not_called_nothing():
+    result = dataclasses.replace(_no_mismatch(), is_faint=True, p_value=0.001, p_is_bound=True)
+    page = _read(report_html(result))
+    assert "Hardly a mismatch" in page.text
+    assert "No mismatch found" not in page.text
+    assert "Nowhere" not in page.text
+    assert "Nothing is missing" not in page.text
+    assert DiagnosisResult.from_json(json.loads(json.dumps(result.to_json()))).is_faint
+
+
 def test_too_little_data_is_no_answer_of_either_kind():
     result = dataclasses.replace(_no_mismatch(), verdict="too_little_data", more_data=MoreData(4, 9, 5.0), summary=("Record 5 s more.",))
     page = _read(report_html(result))
