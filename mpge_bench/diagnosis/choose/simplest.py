@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -30,6 +31,8 @@ def simplest(trials: Trials) -> Model:
 def needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
+    if len(chosen.effects) > trials.settings.most:
+        chosen = _without_idle(trials, chosen)
     # One of all joints was cut to what is needed when it was made, and would take minutes here.
     while 1 < len(chosen.effects) <= trials.settings.most and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
@@ -42,6 +45,20 @@ def needed(trials: Trials, chosen: Model) -> Model:
         if not kept:
             break
         chosen = min(kept, key=lambda one: one.validation)
+    return chosen
+
+
+def _without_idle(trials: Trials, chosen: Model) -> Model:
+    """`chosen` without all that is idle at once: beside a formula most of what stood in for it on a dozen joints is."""
+    while not trials.cut_short("leaving out what is needless"):
+        useless = list(idle(trials.problem, trials.problem.fitter(chosen.effects), chosen.effects))
+        kept = [effect for effect in chosen.effects if effect not in useless]
+        if not useless or not kept:
+            break
+        less = trials.add(trials.converged(*trials.polished([kept])[0])[0])
+        if trials.is_better(less, chosen):
+            break
+        chosen = less
     return chosen
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose.choice import choose
 from mpge_bench.diagnosis.choose.formulas import is_told, lone_formula, with_formulas
+from mpge_bench.diagnosis.choose.simplest import needed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
@@ -17,6 +18,7 @@ from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
 from mpge_bench.envs.effects import (
+    Armature,
     CoulombFriction,
     CouplingDamping,
     CouplingSpring,
@@ -29,6 +31,7 @@ from mpge_bench.envs.effects import (
     PeriodicFriction,
     PeriodicGain,
     PeriodicTorque,
+    SensorBias,
     ViscousFriction,
 )
 from mpge_bench.envs.effects.vector import parameters_of
@@ -70,6 +73,16 @@ def test_a_law_that_has_no_name_is_found_as_a_formula(rig: Rig, law: Effect) -> 
     if "phase" in law.parameters:
         values[-1] = math.remainder(values[-1], 2 * math.pi)
     assert values == pytest.approx(parameters_of(law), rel=0.05, abs=0.02)
+
+
+def test_what_all_joints_had_been_given_before_a_formula_goes_at_once(rig: Rig) -> None:
+    """Beside a friction that goes with the position eleven effects of next to nothing stayed, as more than a model is grown to were never left out."""
+    law = PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5)
+    kinds = ((Armature, 1e-3), (ViscousFriction, 1e-2), (CoulombFriction, 1e-2), (SensorBias, 1e-3))
+    stand_ins = tuple(kind(joint, size) for kind, size in kinds for joint in ("shoulder", "elbow"))
+    trials = searching(rig, law)
+    found = needed(trials, trials.add(polished(trials.problem, (*stand_ins, law))[0]))
+    assert [(one.name, one.target) for one in found.effects] == [("periodic_friction", "shoulder")]
 
 
 def test_what_had_stood_in_for_a_formula_goes_and_what_is_needed_stays(rig: Rig) -> None:
