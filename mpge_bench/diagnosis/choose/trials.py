@@ -203,9 +203,12 @@ class Trials:
         return self.add(replace(model, fit=replace(model.fit, effects=effects)))
 
     def _can_be_as_used(self, model: Model) -> bool:
-        """Whether `model` is judged as it is used; one of all joints would take minutes, and a nameless curve has no parameters to be sought."""
+        """Whether `model` is judged as it is used; one of all joints would take minutes, and a nameless curve has no parameters to be sought.
+
+        Others take a second or two, for which there is time beyond the search's.
+        """
         few = model.fit.size > 0 and len(model.effects) <= self.settings.most and all(effect.named for effect in model.effects)
-        return few and math.isfinite(self._used(model.effects)) and self.are_far([model]) and not self.cut_short("fitting the answer to the end")
+        return few and math.isfinite(self._used(model.effects)) and self.are_far([model])
 
     def _as_used(self, model: Model) -> Model:
         """`model` with the parameters with which it predicts all recordings searched on best as it is exported."""
