@@ -67,8 +67,13 @@ class PositionServo(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         kp, kd = scale.servo_kp, scale.servo_kd
-        # Of a servo without damping kp is a motor's gain, and damping of its own is viscous friction: both are looked for by these plainer names.
-        return [{"kp": 1.2 * kp, "kd": kd}, {"kp": kp, "kd": 1.2 * kd}] if kp and kd else []
+        # One of which the rig knows no damping has some all the same, as a motor's back-EMF.
+        damping = kd or 0.1 * scale.torque / scale.speed
+        return [{"kp": 1.2 * kp, "kd": damping}, {"kp": kp, "kd": 1.2 * damping}] if kp else []
+
+    @classmethod
+    def is_everywhere(cls, scale: Scale) -> bool:
+        return scale.is_unknown_servo
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,11 @@ class Scale:
     carried: bool = False
     arm: float = 0.0
 
+    @property
+    def is_unknown_servo(self) -> bool:
+        """Whether the joint has a servo of which the rig knows no damping: none is without, so that its gains are but guessed."""
+        return self.servo_kp > 0 and not self.servo_kd
+
 
 class Hidden:
     """What an effect remembers between physics steps; empty at rest.
@@ -261,6 +266,11 @@ class Effect:
             joint: the target's index.
             timestep: interval, s. Before the first row the motion is taken to have gone on at the first row's velocity.
         """
+
+    @classmethod
+    def is_everywhere(cls, scale: Scale) -> bool:
+        """Whether every machine has more or less of it at a joint of this `scale`."""
+        return cls.everywhere
 
     def to_urdf(self, model: Model) -> bool:
         """Write it into `model` as a URDF file holds it, for other programs than this; False where URDF has no place for it."""

@@ -199,6 +199,11 @@ class LoadFriction(Effect):
         return self.coefficient * abs(command[joint])
 
     @classmethod
+    def is_everywhere(cls, scale: Scale) -> bool:
+        # Such servos are small motors behind gears.
+        return scale.is_unknown_servo
+
+    @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"coefficient": 0.1}]
 

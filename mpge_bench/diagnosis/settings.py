@@ -76,7 +76,7 @@ class PredictSettings:
         3.0, "times", "what third differences say of the noise, which it may be at most: sensors' noise is smoother than that, but models' errors smoother yet"
     )
     held_third: float = _setting(0.67, "share", "of a single recording that is fitted to; models are chosen by the rest")
-    held_recordings: float = _setting(0.25, "share", "of several recordings by which models are chosen, at least one")
+    held_recordings: float = _setting(0.25, "share", "of several recordings by which models are chosen; where that is not one, of two, windows of each")
     even: float = _setting(0.01, "physics steps", "rows are evenly spaced if none is further off")
     unstable: float = _setting(1e5, "rad/s", "Bullet itself keeps velocities below 1e6")
     horizon: float = _setting(0.5, "s", "how far ahead predictions are judged: long enough to tell small effects, short enough for a linearised error")

@@ -547,13 +547,15 @@ def test_position_servo_pulls_to_the_target_at_its_own_period(wheel: Path) -> No
     assert np.diff(dq, prepend=0.0) / STEP * INERTIA == pytest.approx(np.repeat(renewed, 5))
 
 
-def test_a_servo_is_looked_for_in_both_gains_where_the_rig_has_them() -> None:
+def test_a_servo_is_looked_for_in_both_gains_and_every_one_of_unknown_damping_has_others_and_a_gear() -> None:
     sizes = dict.fromkeys(("torque", "limit", "speed", "top_speed", "angle", "inertia", "mass", "length"), 1.0)
     scale = Scale(**sizes, period=0.01, duration=5.0, gravity=(0, 0, -9.81))
     assert PositionServo.starts(scale) == []
     assert PositionServo.starts(dataclasses.replace(scale, servo_kp=10.0, servo_kd=0.5)) == [{"kp": 12.0, "kd": 0.5}, {"kp": 10.0, "kd": 0.6}]
-    # Of one without damping kp is a motor's gain.
-    assert PositionServo.starts(dataclasses.replace(scale, servo_kp=10.0)) == []
+    undamped = dataclasses.replace(scale, servo_kp=10.0)
+    assert PositionServo.starts(undamped) == [{"kp": 12.0, "kd": 0.1}, {"kp": 10.0, "kd": 0.12}]
+    for kind in (PositionServo, LoadFriction):
+        assert [kind.is_everywhere(one) for one in (scale, dataclasses.replace(undamped, servo_kd=0.5), undamped)] == [False, False, True]
     # Less than the rig says is as likely as more.
     assert not PositionServo.is_one_sided()
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import least_squares
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
@@ -15,6 +16,7 @@ from mpge_bench.diagnosis.predict.bullet import with_a_past
 from mpge_bench.diagnosis.predict.simulated import RestartedRecording
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
 from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +51,31 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
         return float(np.sqrt(np.mean([np.mean(missed**2, axis=0) for missed in found])))
 
     return error
+
+
+def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """`effects` with parameters, sought from their own by least squares, under which the error on `recordings`, finite with their own, is least."""
+    misses, settings = exported_misses(problem, recordings), problem.settings.fit
+    known = misses(tuple(effects)) or []
+    size, (low, high) = sizes_of(effects), limits_of(effects)
+
+    def missed(z: Array) -> Array:
+        found = misses(tuple(rebuild(effects, z * size)))
+        rows = [np.full_like(one, settings.unstable) for one in known] if found is None else found
+        return np.concatenate([one.ravel() / math.sqrt(one.size * len(rows)) for one in rows])
+
+    bounds = (low / size - 1e-9, high / size + 1e-9)
+    best = least_squares(
+        missed,
+        values_of(effects) / size,
+        bounds=bounds,
+        # Dry friction makes such errors rough.
+        diff_step=[step for effect in effects for step in steps_of(effect)],
+        max_nfev=settings.evaluations,
+        xtol=settings.gained,
+        ftol=settings.gained,
+    )
+    return tuple(rebuild(effects, best.x * size))
 
 
 def noise_floors(problem: Problem, predictor: WindowPredictor, spread: Array) -> Array:

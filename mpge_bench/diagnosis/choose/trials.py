@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.exported import exported_error, noise_floors, validation_recordings
+from mpge_bench.diagnosis.choose.exported import best_exported, exported_error, noise_floors, validation_recordings
 from mpge_bench.diagnosis.choose.score import gain, idle, is_better
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import drafted, polished, unforgiven
+from mpge_bench.diagnosis.fit.simulator import as_it_is, drafted, polished, unforgiven
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import begin_budget, is_past
@@ -191,11 +191,35 @@ class Trials:
         return model
 
     def as_exported(self, model: Model) -> Model:
-        """`model` or, where that predicts better in the simulator as it is exported, without nuisances, with parameters that make up for these."""
+        """`model` or, where that predicts better in the simulator as it is exported, without nuisances, with parameters that make up for these.
+
+        Far from the noise, where models are judged by all recordings as they are exported, with those that predict these best.
+        """
+        if self._can_be_as_used(model):
+            return self._as_used(model)
         effects = unforgiven(self.problem, model)
         if not self._exported(effects) < (1 - self.settings.material) * self._exported(model.effects):
             return model
         return self.add(replace(model, fit=replace(model.fit, effects=effects)))
+
+    def _can_be_as_used(self, model: Model) -> bool:
+        """Whether `model` is judged as it is used; one of all joints would take minutes, and a nameless curve has no parameters to be sought.
+
+        Others take a second or two, for which there is time beyond the search's.
+        """
+        few = model.fit.size > 0 and len(model.effects) <= self.settings.most and all(effect.named for effect in model.effects)
+        return few and math.isfinite(self._used(model.effects)) and self.are_far([model])
+
+    def _as_used(self, model: Model) -> Model:
+        """`model` with the parameters with which it predicts all recordings searched on best as it is exported."""
+        effects = best_exported(self.problem, self.problem.recordings, model.effects)
+        # As much as is asked of models there (`is_better`).
+        if not self._used(effects) ** 2 < (1 - self.settings.coarse_material) * self._used(model.effects) ** 2:
+            return model
+        try:
+            return self.add(as_it_is(self.problem, effects))
+        except np.linalg.LinAlgError:
+            return model
 
     def again(self, model: Model, fitter: LinearFitter, evaluations: int) -> tuple[tuple[Model, LinearFitter], float]:
         """`model` fitted anew about its own fit or, where that gains nothing, as it is, with its fitter; and the gain."""

@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
-from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, validation_windows, windows_of
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, dealt, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
 from mpge_bench.envs.effects.vector import parameters_of, sizes_of
@@ -80,8 +80,7 @@ class Problem:
 
     def dealt(self) -> Problem:
         """The same with validation windows taken from every recording in turn, for what shows in some recordings only."""
-        every = round(1 / (1 - self.settings.predict.held_third))
-        return replace(self, validation=np.arange(len(self.windows.start)) % every == every - 1)
+        return replace(self, validation=dealt(self.windows, self.settings.predict))
 
     def simulated(self, parts: int) -> SimulatedWindows:
         """The simulator's own predictions in the windows, with the physics step in `parts`."""

@@ -41,6 +41,17 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
     return _judged(problem, fitter, best, fit.jacobian)
 
 
+def as_it_is(problem: Problem, effects: Sequence[Effect]) -> Model:
+    """The model of `effects` with the parameters that they have.
+
+    Raises:
+        LinAlgError: where the linearised simulator flies apart under them.
+    """
+    fitter = problem.fitter(tuple(effects))
+    fit = _differentiated(problem, fitter, fitter.at(effects))
+    return _judged(problem, fitter, _refined(problem, fitter, fit, 0), fit.jacobian)[0]
+
+
 def nominal(problem: Problem) -> tuple[Model, LinearFitter]:
     """The model of no effects, and its fitter."""
     fitter = problem.fitter()

@@ -47,12 +47,22 @@ def windows_of(motion: Motion, horizon: float) -> Windows:
     return Windows(recording, start, length)
 
 
+def dealt(windows: Windows, settings: PredictSettings) -> npt.NDArray[np.bool_]:
+    """Windows taken from every recording in turn, to be kept from fitting, shape (windows,)."""
+    every = round(1 / (1 - settings.held_third))
+    return np.asarray(np.arange(len(windows.start)) % every == every - 1)
+
+
 def validation_windows(windows: Windows, motion: Motion) -> npt.NDArray[np.bool_]:
-    """Which windows are kept from fitting, for choosing, shape (windows,): those of the last recordings, of a single one its end."""
+    """Which windows are kept from fitting, for choosing, shape (windows,): those of the last recordings, of a single one its end.
+
+    Of two each is a regime of its own, which a fit to the other knows nothing of: windows of both are dealt.
+    """
     settings = motion.settings.predict
     count = len(motion.rows)
+    held = round(settings.held_recordings * count)
     if count > 1:
-        return np.asarray(windows.recording >= count - max(1, round(settings.held_recordings * count)))
+        return np.asarray(windows.recording >= count - held) if held else dealt(windows, settings)
     late = np.asarray(windows.start >= settings.held_third * motion.rows[0])
     # Of a few windows none may begin so late.
     late[-1] |= len(late) > 1

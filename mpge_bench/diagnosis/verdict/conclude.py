@@ -23,6 +23,7 @@ from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, unt
 from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
 from mpge_bench.diagnosis.verdict.words import chance, changing_lines, checks, quiet_lines, summary, time_taken
+from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
 
@@ -57,7 +58,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         fit,
         not choice.cut,
         (*lines, *changing_lines(changing), *taken_back),
-        detectable(choice),
+        detectable(choice, lambda: is_past(clock.end)),
         checks(problem),
         _about(choice, parts, clock),
         settings,

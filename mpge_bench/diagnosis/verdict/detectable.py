@@ -24,14 +24,16 @@ Array = npt.NDArray[np.float64]
 Shares = Callable[[Candidate], list[float]]
 
 
-def detectable(choice: Choice) -> tuple[Detectable, ...]:
+def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tuple[Detectable, ...]:
     """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer, by the rule that models are chosen by.
 
-    What the answer's own parameters could make up for is not seen.
+    What the answer's own parameters could make up for is not seen. None of those for which it is too `late`.
     """
     rig, found = choice.problem.rig, []
     shares = _exported(choice) if choice.is_far else _in_windows(choice)
     for candidate in choice.candidates:
+        if late():
+            break
         name = candidate.measure
         if not name or candidate.label in choice.chosen.key:
             continue

@@ -11,13 +11,17 @@ import yaml
 from mpge_bench.diagnosis.choose.everywhere import everywhere, needed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, ViscousFriction
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, LoadFriction, PositionServo, ViscousFriction
 from mpge_bench.envs.effects.vector import parameters_of
 
-from ..conftest import posed
+from ..conftest import posed, write_case
 
 HIDDEN = (CoulombFriction("shoulder", 0.3), CoulombFriction("elbow", 0.15), Armature("shoulder", 0.05), Armature("elbow", 0.01), ViscousFriction("elbow", 0.1))
 
@@ -39,6 +43,22 @@ def test_without_time_nothing_is_begun_and_that_is_said(rig: Rig) -> None:
     trials = notebook(rig, HIDDEN[:1], deadline=0.0)
     assert everywhere(trials) is None
     assert list(trials.cut) == ["fitting all joints at once"]
+
+
+def test_a_servo_of_which_the_rig_knows_no_damping_has_other_gains_and_a_gear(tmp_path: Path) -> None:
+    hidden = PositionServo("hinge", 9.0, 0.3), LoadFriction("hinge", 0.1), Armature("hinge", 0.02)
+    rig = read_rig(write_case(tmp_path, hidden, servo={"kp": 6.0}, noise=2e-4))
+    measured = measurements(rig, read_recordings(sorted(tmp_path.glob("*.csv")), rig), DEFAULT)
+    asked = problem(measured, reference(rig, measured.recordings), DEFAULT.predict.horizon)
+    trials = Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, math.inf))
+    found = everywhere(trials)
+    assert found
+    values = {one.name: parameters_of(one) for one in found[0].effects}
+    damping = values["position_servo"][1] + sum(values.get("viscous_friction", [0.0]))
+    assert values["position_servo"][0] == pytest.approx(9.0, rel=0.05)
+    assert damping == pytest.approx(0.3, rel=0.1)
+    assert values["load_friction"] == [pytest.approx(0.1, rel=0.1)]
+    assert values["armature"] == [pytest.approx(0.02, rel=0.1)]
 
 
 LEG = (

@@ -81,6 +81,22 @@ def test_far_from_the_noise_models_are_judged_as_they_would_be_exported(rig: Rig
     assert not notebook.is_better(light, lighter)
 
 
+def test_an_answer_far_from_the_noise_has_the_parameters_that_predict_all_recordings_best_as_exported(rig: Rig) -> None:
+    """Fits with free starting states stopped at a servo's gains that were off by half, with two and a half times the error."""
+    asked = posed(rig, Payload("lower", 0.3, 0.2), ViscousFriction("elbow", 0.2), seconds=3.0, noise=1e-4)
+    notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
+    ((near, _),) = notebook.polished([[ViscousFriction("elbow", 0.1)]])
+    wrong = replace(near, validation=30.0, fit=replace(near.fit, effects=(ViscousFriction("elbow", 0.5),)))
+    found = notebook.as_exported(wrong)
+    (effect,) = found.effects
+    assert isinstance(effect, ViscousFriction)
+    error = {share: notebook._used((ViscousFriction("elbow", share * effect.damping),)) for share in (0.9, 1.0, 1.1)}
+    assert error[1.0] < min(error[0.9], error[1.1], 0.9 * notebook._used(wrong.effects))
+    # What is said of it, intervals too, is said of these parameters.
+    assert found.fit.jacobian.shape == (1, *found.fit.residuals.shape)
+    assert found in notebook.models
+
+
 @pytest.mark.parametrize(("seconds", "reserved"), [(300.0, 54.0), (75.0, 13.5), (30.0, 10.0), (20.0, 7.0), (2.0, 0.7)])
 def test_what_comes_after_the_search_has_its_share_of_the_budget(seconds: float, reserved: float) -> None:
     clock = Clock.started(seconds, DEFAULT.choose)

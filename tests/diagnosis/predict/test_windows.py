@@ -12,7 +12,7 @@ from scipy import stats
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, windows_of
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Delay, Effect, Lag, SensorDelay
 
@@ -44,6 +44,18 @@ def test_a_sensor_looks_back_as_far_as_it_is_late(rig: Rig) -> None:
     elbow, rows = rig.joints.index("elbow"), np.arange(100, 121)
     old = linear.motion.state[0, rows - round(0.3 / linear.motion.period), elbow]
     assert predictor.state[0, :, elbow] + late[0, :, elbow] == pytest.approx(old, abs=1e-6)
+
+
+@pytest.mark.parametrize(("recordings", "chosen_by"), [(1, [0]), (2, [0, 1]), (3, [2]), (4, [3])])
+def test_of_two_recordings_windows_of_both_are_fitted_to_and_choose(recordings: int, chosen_by: list[int]) -> None:
+    rows = np.full(recordings, 1000)
+    motion: Any = SimpleNamespace(settings=DEFAULT, rows=rows, intervals=lambda: np.full((recordings, 1000), 0.01))
+    windows = windows_of(motion, 0.5)
+    held = validation_windows(windows, motion)
+    assert sorted(set(windows.recording[held])) == chosen_by
+    fitted = sorted(set(windows.recording[~held]))
+    assert fitted == (list(range(recordings)) if recordings < 3 else list(range(recordings - 1)))
+    assert held.mean() == pytest.approx(1 / 3 if recordings < 3 else 1 / recordings, abs=0.06)
 
 
 @pytest.mark.parametrize("effect", [Lag("elbow", 0.1), Lag("elbow", 1.0), Delay("elbow", 0.3), Delay("elbow", 0.9)])

@@ -187,7 +187,7 @@ def test_transitions_of_ones_own_are_taken(tmp_path: Path) -> None:
 @pytest.mark.parametrize("given", [[], ["--task", "biased_pendulum", "--rig", "rig.yaml"], ["--rig", "rig.yaml"]])
 def test_either_a_rig_or_a_task_is_given(given: list[str]) -> None:
     result = CliRunner().invoke(app, ["diagnose", *given])
-    assert "diagnose takes either --rig and --recording, or --task" in str(result.exception)
+    assert "diagnose takes a folder, or --rig and --recording, or --task; give one of the three" in str(result.exception)
 
 
 def test_a_joint_and_a_link_of_one_name_are_two_things() -> None:
