@@ -115,11 +115,12 @@ def _panels(
     for spare in panels[len(names) :]:
         spare.set_axis_off()
     for lowest in panels[: len(names)][-columns:]:
-        lowest.set_xlabel(xlabel)
         lowest.tick_params(labelbottom=True)
     for name, axes in found.items():
         axes.set_title(name, loc="left")
         axes.spines[["top", "right"]].set_visible(False)
+    # Of the figure, not of each panel: beside each other they would run into one another.
+    figure.supxlabel(xlabel, fontsize="medium")
     figure.supylabel(ylabel, fontsize="medium")
     return figure, found
 
@@ -128,7 +129,7 @@ def _legend(figure: Figure, order: Sequence[str] = ()) -> None:
     """One legend for all panels, below them."""
     entries = {label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     labels = [label for label in order if label in entries] or list(entries)
-    figure.legend([entries[label] for label in labels], labels, loc="outside lower center", ncols=min(len(labels), 5), frameon=False, fontsize="small")
+    figure.legend([entries[label] for label in labels], labels, loc="outside upper center", ncols=min(len(labels), 5), frameon=False, fontsize="small")
 
 
 def _tasks(found: pd.DataFrame) -> list[str]:
@@ -156,7 +157,10 @@ def _returns(found: pd.DataFrame, styles: _Styles) -> Figure:
             if middle.bounds:
                 axes.plot(middle.bounds, (y, y), color=colours[size], linewidth=1.5)
             axes.plot(middle.value, y, "o", color=colours[size], markersize=5)
-        axes.set_yticks(range(len(labels)), labels)
+        axes.set_yticks(range(len(labels)), [label.replace("+", "\n+") for label in labels])
+        # Panels that share their labels with one to the left have none of their own.
+        for tick, label in zip(axes.get_yticklabels(), labels, strict=False):
+            tick.set_fontsize("xx-small" if "+" in label else "medium")
         if task not in middles:
             axes.text(0.5, 0.5, "not normalised", color="0.4", ha="center", va="center", transform=axes.transAxes)
     for size in samples:
