@@ -39,6 +39,11 @@ def exported_misses(problem: Problem, recordings: Sequence[Recording]) -> Callab
     return misses
 
 
+def in_a_row(misses: Sequence[Array]) -> Array:
+    """`exported_misses` as one vector whose sum of squares is the square of `exported_error`: every recording, and every joint, counts alike."""
+    return np.concatenate([one.ravel() / math.sqrt(one.size * len(misses)) for one in misses])
+
+
 def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
     """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable, NaN of no recordings."""
     misses = exported_misses(problem, recordings)
@@ -61,8 +66,7 @@ def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Se
 
     def missed(z: Array) -> Array:
         found = misses(tuple(rebuild(effects, z * size)))
-        rows = [np.full_like(one, settings.unstable) for one in known] if found is None else found
-        return np.concatenate([one.ravel() / math.sqrt(one.size * len(rows)) for one in rows])
+        return in_a_row([np.full_like(one, settings.unstable) for one in known] if found is None else found)
 
     bounds = (low / size - 1e-9, high / size + 1e-9)
     best = least_squares(

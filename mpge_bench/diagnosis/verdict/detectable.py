@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import exported_misses
+from mpge_bench.diagnosis.choose.exported import exported_misses, in_a_row
 from mpge_bench.diagnosis.choose.score import weighed
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
@@ -106,8 +106,7 @@ def _exported(choice: Choice) -> Shares:
 
     def missed(effects: Sequence[Effect]) -> Array | None:
         found = misses(effects)
-        # As errors are averaged: every recording, and every joint, alike.
-        return None if found is None else np.concatenate([(one / math.sqrt(len(one))).ravel() for one in found])
+        return None if found is None else in_a_row(found)
 
     at = missed(effects)
     if at is None:
