@@ -139,6 +139,7 @@ class FitSettings:
     stiffnesses: tuple[float, ...] = _setting(
         (1e-4, 1e-2, 1.0), "share of the curve's own weight", "smoothness of nameless curves, chosen within the train windows"
     )
+    rough: float = _setting(0.02, "share of a parameter", "least step of derivatives of errors from recorded states, which joints that stick make rough")
     unstable: float = _setting(1e6, "standard deviations", "residual of a model under which the simulation flies apart: no candidate")
 
 
@@ -179,6 +180,10 @@ class ChooseSettings:
     apart: float = _setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
     alike: float = _setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")
     twins: int = _setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")
+    restarts: int = _setting(40, "stretches", "of the recordings, spread over them, by which effects are sought from recorded states")
+    restart_looks: tuple[int, int] = _setting((8, 3), "candidates", "that promise most beside all effects, or instead of each, are predicted with")
+    restart_fits: tuple[int, int] = _setting((4, 2), "candidates", "of these are fitted that predict best")
+    restart_evaluations: int = _setting(6, "evaluations", "and derivatives, of each fit")
     formulas: int = _setting(6, "formulas", "are fitted beside a model that leaves more than the noise, those that promise most")
     lone: float = _setting(0.4, "share of what is missed", "a formula, one of whose starts explains as much, is tried by itself first")
     curve_passes: int = _setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")

@@ -10,6 +10,7 @@ from scipy import stats
 from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
+from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.simplest import simplest
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest, twins
@@ -116,8 +117,11 @@ def choose(
             again = tested(dealt, options)
             trials.begin(dealt, (again.nominal, again.fitter))
             grow(trials, again.screening)
-        named = with_curves(trials, with_formulas(trials, simplest(trials)))
-        chosen = trials.as_exported(trials.settled(plainest(trials, named)))
+        named = with_formulas(trials, simplest(trials))
+        nearer = by_recorded_states(trials, named)
+        # What was found so is as it should be; fits in windows lead away from it.
+        chosen = with_curves(trials, nearer) if nearer else trials.settled(plainest(trials, with_curves(trials, named)))
+        chosen = trials.as_exported(chosen)
     models, alike = tuple(trials.models), twins(trials, chosen)
     is_far = trials.are_far([chosen])
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)

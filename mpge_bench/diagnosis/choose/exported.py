@@ -12,9 +12,10 @@ from scipy.optimize import least_squares
 
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
-from mpge_bench.diagnosis.predict.bullet import with_a_past
+from mpge_bench.diagnosis.predict.bullet import stretches, with_a_past
 from mpge_bench.diagnosis.predict.simulated import RestartedRecording
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
+from mpge_bench.diagnosis.settings import FitSettings
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
 from mpge_bench.envs.errors import UserError
@@ -25,28 +26,35 @@ Array = npt.NDArray[np.float64]
 ExportedError = Callable[[tuple[Effect, ...]], float]
 
 
-def exported_misses(problem: Problem, recordings: Sequence[Recording]) -> Callable[[Sequence[Effect]], list[Array] | None]:
-    """What positions a model misses of each of `recordings`, shape (rows that are judged, joints); None where the simulation is unstable."""
-    judged = [with_a_past(one, problem.horizon, problem.settings.predict) for one in recordings]
-    restarted = [RestartedRecording(problem.rig, one, problem.horizon, problem.settings) for one in recordings]
+class ExportedMisses:
+    """What positions a model misses of `recordings`, of each an array of shape (rows that are judged, joints); None where the simulation is unstable.
 
-    def misses(effects: Sequence[Effect]) -> list[Array] | None:
+    Args:
+        most: of the stretches that each prediction is made of, at most about so many, spread over them all.
+    """
+
+    def __init__(self, problem: Problem, recordings: Sequence[Recording], *, most: float = math.inf) -> None:
+        count = sum(1 for one in recordings for _ in stretches(one, problem.horizon))
+        every = max(math.ceil(count / most), 1)
+        self._restarted = [RestartedRecording(problem.rig, one, problem.horizon, problem.settings, every=every) for one in recordings]
+        judged = [np.arange(len(one.time))[with_a_past(one, problem.horizon, problem.settings.predict)] for one in recordings]
+        self._judged = [np.setdiff1d(rows, one.left_out) for rows, one in zip(judged, self._restarted, strict=True)]
+
+    def __call__(self, effects: Sequence[Effect]) -> list[Array] | None:
         try:
-            return [one.error(effects)[rows] for one, rows in zip(restarted, judged, strict=True)]
+            return [one.error(effects)[rows] for one, rows in zip(self._restarted, self._judged, strict=True)]
         except UserError:
             return None
 
-    return misses
-
 
 def in_a_row(misses: Sequence[Array]) -> Array:
-    """`exported_misses` as one vector whose sum of squares is the square of `exported_error`: every recording, and every joint, counts alike."""
+    """`ExportedMisses` as one vector whose sum of squares is the square of `exported_error`: every recording, and every joint, counts alike."""
     return np.concatenate([one.ravel() / math.sqrt(one.size * len(misses)) for one in misses])
 
 
 def exported_error(problem: Problem, recordings: Sequence[Recording]) -> ExportedError:
     """Errors on `recordings`, each model's worked out once; infinite where the simulation is unstable, NaN of no recordings."""
-    misses = exported_misses(problem, recordings)
+    misses = ExportedMisses(problem, recordings)
 
     @functools.cache
     def error(effects: tuple[Effect, ...]) -> float:
@@ -60,7 +68,16 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
 
 def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """`effects` with parameters, sought from their own by least squares, under which the error on `recordings`, finite with their own, is least."""
-    misses, settings = exported_misses(problem, recordings), problem.settings.fit
+    settings = problem.settings.fit
+    return sought(ExportedMisses(problem, recordings), effects, settings.evaluations, settings)[0]
+
+
+def sought(misses: ExportedMisses, effects: Sequence[Effect], evaluations: int, settings: FitSettings) -> tuple[tuple[Effect, ...], Array, Array]:
+    """`effects` with parameters, sought from their own by least squares, with which `misses`, finite with their own, are least.
+
+    Returns:
+        Also what is missed with them, shape (readings,), and its derivatives by their parameters, shape (readings, parameters).
+    """
     known = misses(tuple(effects)) or []
     size, (low, high) = sizes_of(effects), limits_of(effects)
 
@@ -68,18 +85,17 @@ def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Se
         found = misses(tuple(rebuild(effects, z * size)))
         return in_a_row([np.full_like(one, settings.unstable) for one in known] if found is None else found)
 
-    bounds = (low / size - 1e-9, high / size + 1e-9)
     best = least_squares(
         missed,
         values_of(effects) / size,
-        bounds=bounds,
+        bounds=(low / size - 1e-9, high / size + 1e-9),
         # Dry friction makes such errors rough.
-        diff_step=[step for effect in effects for step in steps_of(effect)],
-        max_nfev=settings.evaluations,
+        diff_step=np.maximum(settings.rough, [step for effect in effects for step in steps_of(effect)]),
+        max_nfev=evaluations,
         xtol=settings.gained,
         ftol=settings.gained,
     )
-    return tuple(rebuild(effects, best.x * size))
+    return tuple(rebuild(effects, best.x * size)), best.fun, best.jac / size
 
 
 def noise_floors(problem: Problem, predictor: WindowPredictor, spread: Array) -> Array:

@@ -156,9 +156,13 @@ class Trials:
 
     def each(self, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
         """`work(problem, *shared, item)` for each of `items`, side by side; only for the first ones where time is up."""
-        found = self.workers.each(work, (self.problem, *shared), items, self.clock.deadline)
+        return self.side_by_side("fitting candidates", work, (self.problem, *shared), items)
+
+    def side_by_side(self, stage: str, work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
+        """`work(*shared, item)` for each of `items`; only for the first ones, and `stage` noted as cut short, where time is up."""
+        found = self.workers.each(work, shared, items, self.clock.deadline)
         if len(found) < len(items):
-            self.cut["fitting candidates"] = None
+            self.cut[stage] = None
         return found
 
     def polished(self, sets: Sequence[Sequence[Effect]]) -> list[tuple[Model, LinearFitter]]:

@@ -187,13 +187,23 @@ class SimulatedWindows:
 
 
 class RestartedRecording:
-    """A recording as a rig predicts it, restarted from the recorded state every `horizon` s: `predicted`, all its stretches at once."""
+    """A recording as a rig predicts it, restarted from the recorded state every `horizon` s: `predicted`, all its stretches at once.
 
-    def __init__(self, rig: Rig, recording: Recording, horizon: float, settings: DiagnosisSettings = DEFAULT) -> None:
+    Args:
+        every: of the stretches only one in so many is predicted.
+
+    Attributes:
+        left_out: rows of the stretches that are not predicted, of which nothing is said to be missed.
+    """
+
+    def __init__(self, rig: Rig, recording: Recording, horizon: float, settings: DiagnosisSettings = DEFAULT, *, every: int = 1) -> None:
         self._rig, self._recording, self._settings = rig, recording, settings
         self._motion = differentiate(recording, settings.data)
+        every_part = list(stretches(recording, horizon))
+        chosen = every_part[every // 2 :: every] or every_part
+        self.left_out = np.array([row for part in every_part if part not in chosen for row in range(*part)], np.int64)
         # A stretch of one row is the recording.
-        parts = [part for part in stretches(recording, horizon) if part[1] - part[0] > 1]
+        parts = [part for part in chosen if part[1] - part[0] > 1]
         longest = max((end - first for first, end in parts), default=0)
         self._rows = np.array([np.minimum(np.arange(first, first + longest), end - 1) for first, end in parts])
         self._windows = SimulatedWindows(rig, [recording], np.zeros(len(parts), np.int64), self._rows, settings) if parts else None

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import exported_misses, noise_floors
+from mpge_bench.diagnosis.choose.exported import ExportedMisses, noise_floors
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import predicted, with_a_past
@@ -63,7 +63,7 @@ def accuracy(choice: Choice, after: LinearisedSimulator, unseen: Sequence[Record
 def stepped(problem: Problem, recordings: Sequence[Recording]) -> float:
     """Root mean square by which half the physics step changes the uncorrected simulator's predictions of positions; infinite where they are unstable."""
     halved = replace(problem, measurements=replace(problem.measurements, rig=replace(problem.rig, timestep=problem.rig.timestep / 2)))
-    found = [exported_misses(one, recordings)(()) for one in (problem, halved)]
+    found = [ExportedMisses(one, recordings)(()) for one in (problem, halved)]
     if found[0] is None or found[1] is None:
         return math.inf
     return float(np.sqrt(np.mean([np.mean((coarse - fine) ** 2, axis=0) for coarse, fine in zip(*found, strict=True)])))

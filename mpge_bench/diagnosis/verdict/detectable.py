@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import exported_misses, in_a_row
+from mpge_bench.diagnosis.choose.exported import ExportedMisses, in_a_row
 from mpge_bench.diagnosis.choose.score import weighed
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
@@ -102,7 +102,7 @@ def _exported(choice: Choice) -> Shares:
     Whichever sign it has: what is missed anyway may look like it, or like its opposite.
     """
     problem, effects = choice.problem, choice.chosen.effects
-    misses, settings = exported_misses(problem, problem.recordings), problem.settings
+    misses, settings = ExportedMisses(problem, problem.recordings), problem.settings
 
     def missed(effects: Sequence[Effect]) -> Array | None:
         found = misses(effects)

@@ -1,0 +1,201 @@
+"""Effects sought by what is missed from recorded states, where fits in windows with free starting states end far from the noise.
+
+There the few windows decide in which a joint sticks or does not, and what starting states hide. From recorded states the simulator is asked what people will
+ask of it. Effects are added, exchanged and left out, one at a time, as long as what is missed falls by what counts far from the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.exported import ExportedMisses, in_a_row, sought
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.choose.twins import Plainness, plainness
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.simulator import as_it_is
+from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import parameters_of, rebuild, values_of
+
+Array = npt.NDArray[np.float64]
+Effects = tuple[Effect, ...]
+#: What is said to be cut short where time is up.
+_STAGE = "seeking effects by errors from recorded states"
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Effects with their best parameters.
+
+    Attributes:
+        missed: with them, shape (readings,).
+        jacobian: its derivatives by their parameters, shape (readings, parameters).
+    """
+
+    effects: Effects
+    missed: Array
+    jacobian: Array
+
+    @property
+    def cost(self) -> float:
+        return float(self.missed @ self.missed)
+
+    @property
+    def plainness(self) -> tuple[int, Plainness]:
+        """Less of plainer ones: by the number of parameters, and then by what came last."""
+        return self.jacobian.shape[1], plainness(self.effects[-1])
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One start of a candidate, and by what it changes what a point misses, shape (readings,)."""
+
+    candidate: Candidate
+    start: Effect
+    column: Array
+
+
+@dataclass(frozen=True)
+class _Move:
+    """A step away from a point: effects, the one that is new last, and whether they are one more, not one exchanged."""
+
+    effects: Effects
+    adds: bool
+
+
+def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
+    """The model to which steps from `chosen` lead, where that is far from the noise; None where it predicts no better, or has too many effects for it."""
+    settings = trials.settings
+    if len(chosen.effects) > settings.most or not trials.are_far([chosen]) or trials.cut_short(_STAGE):
+        return None
+    misses = ExportedMisses(trials.problem, trials.problem.recordings, most=settings.restarts)
+    named = tuple(effect for effect in chosen.effects if effect.named)
+    if misses(named) is None:
+        return None
+    point = _fitted(misses, trials.problem.settings, named)
+    for _ in range(2 * settings.most):
+        better = _step(trials, misses, point)
+        if better is None:
+            break
+        point = _without_needless(trials, misses, better)
+    try:
+        found = trials.add(as_it_is(trials.problem, point.effects))
+    except np.linalg.LinAlgError:
+        return None
+    return found if trials.is_better(chosen, found) else None
+
+
+def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | None:
+    """Of the points one step away that are materially better than `point` the plainest that is materially as good as the best; None if none is better."""
+    settings, shared = trials.settings, (misses, trials.problem.settings)
+    moves = _moves(trials, misses, point)
+    costs = [_cost(one) for one in trials.side_by_side(_STAGE, _missed, (misses,), [move.effects for move in moves])]
+    followed: list[_Move] = []
+    for adds, most in zip((True, False), settings.restart_fits, strict=True):
+        best: dict[frozenset[str], _Move] = {}
+        for cost, move in sorted(zip(costs, moves, strict=False), key=lambda pair: pair[0]):
+            if move.adds is adds and np.isfinite(cost):
+                best.setdefault(key(move.effects), move)
+        followed += list(best.values())[:most]
+    points = trials.side_by_side(_STAGE, _fitted, shared, [move.effects for move in followed])
+    better = [one for one in points if one.cost < (1 - settings.coarse_material) * point.cost]
+    least = min((one.cost for one in better), default=0.0)
+    return min((one for one in better if (1 - settings.coarse_material) * one.cost <= least), key=lambda one: one.plainness, default=None)
+
+
+def _moves(trials: Trials, misses: ExportedMisses, point: _Point) -> list[_Move]:
+    """What promises most, to first order, beside all effects of `point` and in the place of each of them."""
+    settings, rig = trials.settings, trials.problem.rig
+    starts = [(one, start) for one in trials.candidates if one.label not in key(point.effects) for start in one.starts]
+    columns = trials.side_by_side(_STAGE, _looked, (misses, rig, point), [start for _, start in starts])
+    looks = [_Look(*start, column) for start, column in zip(starts, columns, strict=False) if column is not None]
+    every = tuple(range(len(point.effects)))
+    kept = [*([every] if len(every) < settings.most else []), *(tuple(index for index in every if index != left) for left in every)]
+    bases = trials.side_by_side(_STAGE, _missed, (misses,), [tuple(point.effects[index] for index in own) for own in kept])
+    more, instead = settings.restart_looks
+    found = []
+    for own, base in zip(kept, bases, strict=False):
+        if base is not None:
+            adds = own == every
+            found += [_Move(effects, adds) for effects in _proposed(rig, point, own, base, looks, more if adds else instead)]
+    return found
+
+
+def _proposed(rig: Rig, point: _Point, own: Sequence[int], base: Array, looks: Sequence[_Look], most: int) -> Iterator[Effects]:
+    """The effects `own` of `point`, with which `base` is missed, and beside them, as much of it as is best to first order, each of what promises `most`.
+
+    Own parameters once as they are, and once with the step that goes with it.
+    """
+    effects = [point.effects[index] for index in own]
+    owner = np.repeat(np.arange(len(point.effects)), [len(parameters_of(effect)) for effect in point.effects])
+    jacobian = point.jacobian[:, np.isin(owner, own)]
+    basis = spanned(unit_length(jacobian.T))
+    left = without(base, basis)
+    best: dict[str, tuple[float, _Look]] = {}
+    for look in looks:
+        column = without(look.column, basis)
+        power, along = float(column @ column), -float(column @ left)
+        if power <= 0 or (along < 0 and look.candidate.kind.is_one_sided()) or not _goes_beside(look.candidate, effects):
+            continue
+        best[look.candidate.label] = max(best.get(look.candidate.label, (0.0, look)), (along**2 / power, look), key=lambda one: one[0])
+    values = values_of(effects)
+    for _, look in sorted(best.values(), key=lambda one: -one[0])[:most]:
+        unknown = unit_length(np.concatenate((jacobian.T, look.column[None])))
+        lengths = np.linalg.norm(np.concatenate((jacobian.T, look.column[None])), axis=1)
+        step = -np.linalg.lstsq(unknown.T, base, rcond=1e-6)[0] / np.where(lengths > 0, lengths, 1.0)
+        new = look.candidate.part(rig, look.start, float(step[-1])) if look.candidate.measure else look.start
+        # What is far off is not in proportion.
+        moved = values + np.clip(step[:-1], -np.abs(values) / 2, np.abs(values) / 2)
+        for own_values in [values, moved] if len(values) else [values]:
+            yield rig.joined(tuple(rebuild(effects, own_values)), new)
+
+
+def _goes_beside(candidate: Candidate, effects: Sequence[Effect]) -> bool:
+    """Whether it says something that none of `effects` says, nor says itself what one of them does."""
+    for effect in effects:
+        if candidate.contains(effect) or (candidate.name in effect.contains and candidate.target == effect.target):
+            return False
+        if candidate.name == effect.name and "*" in (candidate.target, effect.target):
+            return False
+    return True
+
+
+def _without_needless(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point:
+    """`point` without effects that it does without materially as well, the most needless first."""
+    while len(point.effects) > 1:
+        fewer = [tuple(one for one in point.effects if one is not effect) for effect in point.effects]
+        best = min(trials.side_by_side(_STAGE, _fitted, (misses, trials.problem.settings), fewer), key=lambda one: one.cost)
+        if point.cost < (1 - trials.settings.coarse_material) * best.cost:
+            break
+        point = best
+    return point
+
+
+def _looked(misses: ExportedMisses, rig: Rig, point: _Point, start: Effect) -> Array | None:
+    """By what `start` beside the effects of `point` changes what these miss."""
+    found = _missed(misses, rig.joined(point.effects, start))
+    return None if found is None else found - point.missed
+
+
+def _missed(misses: ExportedMisses, effects: Effects) -> Array | None:
+    found = misses(effects)
+    return None if found is None else in_a_row(found)
+
+
+def _cost(missed: Array | None) -> float:
+    return np.inf if missed is None else float(missed @ missed)
+
+
+def _fitted(misses: ExportedMisses, settings: DiagnosisSettings, effects: Effects) -> _Point:
+    """`effects`, with which the simulation is stable, fitted; as they are where there are none."""
+    if not effects:
+        missed = in_a_row(misses(()) or [])
+        return _Point((), missed, np.zeros((len(missed), 0)))
+    return _Point(*sought(misses, effects, settings.choose.restart_evaluations, settings.fit))
