@@ -27,7 +27,7 @@ Shares = Callable[[Candidate], list[float]]
 def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tuple[Detectable, ...]:
     """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer, by the rule that models are chosen by.
 
-    What the answer's own parameters could make up for is not seen. None of those for which it is too `late`.
+    What the answer's own parameters, or a plainer effect that it contains, could make up for is not seen. None of those for which it is too `late`.
     """
     rig, found = choice.problem.rig, []
     shares = _exported(choice) if choice.is_far else _in_windows(choice)
@@ -77,12 +77,24 @@ def _in_windows(choice: Choice) -> Shares:
         heavy = settings.slight / weight if weight > 0 else math.inf
         return found if found >= heavy else min(heavy, _least(lambda share: decides(share, column), found))
 
+    def flat(candidate: Candidate) -> Array:
+        return fitter.columns(candidate, chosen.effects).reshape(len(candidate.starts), -1)
+
     def shares(candidate: Candidate) -> list[float]:
-        columns = fitter.columns(candidate, chosen.effects)
-        beside = without(columns.reshape(len(columns), -1), basis).reshape(columns.shape)
-        return [share(start, column) for start, column in zip(candidate.starts, beside, strict=True)]
+        beside = without(flat(candidate), _with(basis, [flat(one) for one in _plainer(choice, candidate)]))
+        return [share(start, column.reshape(left.shape)) for start, column in zip(candidate.starts, beside, strict=True)]
 
     return shares
+
+
+def _plainer(choice: Choice, candidate: Candidate) -> list[Candidate]:
+    """Those that `candidate` contains: only what goes beyond these counts."""
+    return [one for one in choice.candidates if one.name in candidate.kind.contains and one.target == candidate.target]
+
+
+def _with(basis: Array, columns: Sequence[Array]) -> Array:
+    """Orthonormal directions of what `basis` and `columns`, each of shape (columns, readings), span."""
+    return spanned(unit_length(np.concatenate((basis, *columns)))) if columns else basis
 
 
 def _least(enough: Callable[[float], bool], low: float) -> float:
@@ -116,18 +128,22 @@ def _exported(choice: Choice) -> Shares:
     own = np.reshape([one - at for one in moved if one is not None], (-1, len(at)))
     basis, worse = spanned(unit_length(own)), 1 / (1 - settings.choose.coarse_material) - 1
 
-    def share(candidate: Candidate, start: Effect, first: float) -> float:
-        added = missed(problem.rig.joined(effects, candidate.part(problem.rig, start, first)))
-        column = np.zeros_like(at) if added is None else without(added - at, basis)
+    def changed(effect: Effect) -> Array:
+        added = missed(problem.rig.joined(effects, effect))
+        return np.zeros_like(at) if added is None else added - at
+
+    def share(candidate: Candidate, start: Effect, first: float, known: Array) -> float:
+        column = without(changed(candidate.part(problem.rig, start, first)), known)
         power, along = float(column @ column), abs(float(column @ at))
         return first * (along + math.sqrt(along**2 + worse * float(at @ at) * power)) / power if power > 0 else math.inf
 
     def shares(candidate: Candidate) -> list[float]:
-        found = [share(candidate, start, 1.0) for start in candidate.starts]
+        known = _with(basis, [np.array([changed(start) for start in one.starts]) for one in _plainer(choice, candidate)])
+        found = [share(candidate, start, 1.0, known) for start in candidate.starts]
         amounts = [candidate.amount(problem.rig, start) * one for start, one in zip(candidate.starts, found, strict=True)]
         best = int(np.argmin(amounts))
         # A second look about what the first one says: what a late or a blocked motor changes is not in proportion.
-        again = share(candidate, candidate.starts[best], found[best]) if math.isfinite(found[best]) else math.inf
+        again = share(candidate, candidate.starts[best], found[best], known) if math.isfinite(found[best]) else math.inf
         return [again if index == best else math.inf for index in range(len(found))]
 
     return shares

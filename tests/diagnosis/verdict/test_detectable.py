@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.exported import exported_error
@@ -71,6 +73,18 @@ def test_far_from_the_noise_sizes_are_those_that_the_rule_of_choice_takes_in(tmp
     assert taken[2.0] == [True] * 3
     # What is left may be like one of them by itself.
     assert sum(taken[0.2]) <= 1
+
+
+@pytest.mark.parametrize("is_far", [False, True], ids=["near", "far"])
+def test_of_an_effect_that_contains_a_plainer_one_only_what_goes_beyond_counts(tmp_path: Path, is_far: bool) -> None:
+    """A spring was said to show by the size of one at rest elsewhere, which is for the most part a motor's bias; one at rest at 0 did not show."""
+    posed, options, left = looked_at(tmp_path, [LEFT] if is_far else [])
+    asked: Any = SimpleNamespace(problem=posed, candidates=options, fitter=left.fitter, chosen=left.nominal, is_far=is_far)
+    (all_starts,) = [one.size for one in detectable(asked) if one.effect == "joint_spring"]
+    at_zero = [replace(one, starts=one.starts[:1]) if one.name == "joint_spring" else one for one in options]
+    assert at_zero[[one.name for one in options].index("joint_spring")].starts[0].rest == 0
+    (own_start,) = [one.size for one in detectable(SimpleNamespace(**{**vars(asked), "candidates": at_zero})) if one.effect == "joint_spring"]
+    assert all_starts == pytest.approx(own_start, rel=0.15)
 
 
 def test_what_changes_next_to_nothing_of_the_torques_is_not_called_detectable(tmp_path: Path) -> None:
