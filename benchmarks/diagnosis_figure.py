@@ -27,7 +27,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.webpage import STYLE
 
 sys.path.insert(0, str(Path(__file__).parent))
-from measured_recordings import published  # noqa: E402
+from measured_recordings import published
 
 #: Colour of the authors' model, between those of the simulator before and after.
 _PUBLISHED = "#8a8a8a"
