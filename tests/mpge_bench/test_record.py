@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from mpge_bench import cli
+from mpge_bench.cli import recordings, simulation
 from mpge_bench.diagnosis.data.recording import errors, read_recording
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.free.predicted import predicted
@@ -87,7 +87,7 @@ def test_simulate_writes_the_prediction_and_how_far_it_is_off(
     assert (slider["name"], slider["unit"], hinge["name"]) == ("slider", "m", "hinge")
     assert hinge["q"] == pytest.approx(np.sqrt(np.mean((predicted["q_hinge"] - recorded["q_hinge"]) ** 2)))
     other = out.with_suffix(".parquet")
-    cli.simulate(corrected, pendulum / "episode_00.csv", out=other)
+    simulation.simulate(corrected, pendulum / "episode_00.csv", out=other)
     assert pd.read_parquet(other)["q_hinge"].to_numpy() == pytest.approx(recorded["q_hinge"].to_numpy(), abs=1e-6)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["predicted.csv", "predicted.parquet"]
 
@@ -103,7 +103,7 @@ def test_what_simulate_cannot_do_is_one_line(pendulum: Path, tmp_path: Path, ref
         ({"out": tmp_path / "nowhere" / "predicted.csv"}, "choose another place"),
     ):
         with pytest.raises(UserError, match=says) as error:
-            cli.simulate(**{"rig": rig, "recording": recording, "horizon": 0.5, "out": tmp_path / "predicted.csv", **changes})
+            simulation.simulate(**{"rig": rig, "recording": recording, "horizon": 0.5, "out": tmp_path / "predicted.csv", **changes})
         assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
 
@@ -143,7 +143,7 @@ def test_a_recording_repeats_and_noise_is_on_the_recording_alone(tmp_path: Path)
 
 
 def test_robots_on_the_ground_are_recorded_with_a_rig_that_names_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cli.record("broken_hopper", tmp_path, episodes=2)
+    recordings.record("broken_hopper", tmp_path, episodes=2)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["episode_00.csv", "episode_01.csv", "rig.yaml"]
     assert read_rig(tmp_path / "rig.yaml").robot == ROBOTS["hopper"]
     capsys.readouterr()
@@ -172,7 +172,7 @@ def test_every_robot_is_recorded_and_simulated_from_its_recording(tmp_path: Path
 
 
 def test_recordings_too_short_to_diagnose_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cli.record("biased_pendulum", tmp_path, episodes=2)
+    recordings.record("biased_pendulum", tmp_path, episodes=2)
     assert "2 of 2 are too short for `diagnose` (30 rows and 0.3 s are needed); try --policy target" in capsys.readouterr().out
 
 
