@@ -48,7 +48,7 @@ def diagnose(
         float | None,
         typer.Option(
             min=1.0,
-            help="Time budget: about when it is up the best answer so far is given; 75 with recordings of mechanisms, 300 with those of free bodies"
+            help="Time budget: about when it is up the best answer so far is given; 120 with recordings of mechanisms, 300 with those of free bodies"
             " and contacts and with --task. Many joints want more.",
         ),
     ] = None,
@@ -94,7 +94,7 @@ def diagnose(
     assert rig is not None
     assert recording is not None
     if seconds is None:
-        seconds = 75.0 if read_rig(rig).is_tree else 300.0
+        seconds = 120.0 if read_rig(rig).is_tree else 300.0
     with ConsoleProgress() as progress:
         stated = Stated(position, speed, command)
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)
