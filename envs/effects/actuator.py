@@ -94,6 +94,9 @@ class _Late(Effect):
     def forgets(self) -> float:
         return self.seconds
 
+    def is_plausible(self, scale: Scale) -> bool:
+        return not scale.is_instant(self.seconds)
+
     def _before(self, first: Any) -> Any:
         """What is in force before the `first` command is through."""
         return 0.0 * first
@@ -285,6 +288,9 @@ class Lag(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"time_constant": seconds} for seconds in (0.004, 0.015, 0.05, 0.12)]
+
+    def is_plausible(self, scale: Scale) -> bool:
+        return not scale.is_instant(self.time_constant)
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,7 @@ class Scale:
         before: joints that come before this one, each of which may be tied to it.
         carried: whether another joint carries this one.
         arm: from the origin of the link that carries this joint to it, m; 0 where no joint carries it.
+        step: physics step of the simulator, s; 0 where nothing is said of it.
     """
 
     torque: float
@@ -112,6 +113,11 @@ class Scale:
     before: tuple[str, ...] = ()
     carried: bool = False
     arm: float = 0.0
+    step: float = 0.0
+
+    def is_instant(self, seconds: float) -> bool:
+        """Whether simulators differ by as much, which move positions by the velocity at a step's end or in its middle."""
+        return seconds < self.step / 2
 
     @property
     def is_unknown_servo(self) -> bool:

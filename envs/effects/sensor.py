@@ -101,3 +101,6 @@ class SensorDelay(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"seconds": seconds} for seconds in (0.004, 0.02)]
+
+    def is_plausible(self, scale: Scale) -> bool:
+        return not scale.is_instant(self.seconds)

@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
-from mpge_bench.diagnosis.choose.simplest import simplest
+from mpge_bench.diagnosis.choose.simplest import plainer, simplest
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -120,8 +120,15 @@ def choose(
         named = with_formulas(trials, simplest(trials))
         nearer = by_recorded_states(trials, named)
         # What was found so is as it should be; fits in windows lead away from it.
-        chosen = with_curves(trials, nearer) if nearer else trials.settled(plainest(trials, with_curves(trials, named)))
+        chosen = with_curves(trials, nearer) if nearer else _settled(trials, plainest(trials, with_curves(trials, named)))
         chosen = trials.as_exported(chosen)
     models, alike = tuple(trials.models), twins(trials, chosen)
     is_far = trials.are_far([chosen])
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)
+
+
+def _settled(trials: Trials, chosen: Model) -> Model:
+    """`chosen` fitted to the end or, where a plainer model then does as well, that: what was better before may have been so by how far it was fitted."""
+    settled = trials.settled(chosen)
+    plain = plainer(trials, settled)
+    return settled if plain is settled else trials.settled(plain)

@@ -50,6 +50,11 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     return share > errors * error and min(gain(simple, rich, every)[0], told) > least
 
 
+def means_something(problem: Problem, effect: Effect) -> bool:
+    """Whether the parameters of `effect` are of a size that means something."""
+    return effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)])
+
+
 def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> Iterator[Effect]:
     """Those of `effects` that have parameters that mean nothing, or do next to nothing beside the others.
 
@@ -58,7 +63,7 @@ def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> I
     """
     settings, predictor = problem.settings.choose, fitter.predictor
     for effect in effects:
-        if not effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)]):
+        if not means_something(problem, effect):
             yield effect
             continue
         weight, others = weighed(problem, predictor, effect, effects)

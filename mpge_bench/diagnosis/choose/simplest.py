@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mpge_bench.diagnosis.choose.score import idle
+from mpge_bench.diagnosis.choose.score import idle, means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -25,14 +25,13 @@ def simplest(trials: Trials) -> Model:
     equal = [one for one in trials.models if not trials.is_better(one, best)]
     equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
     chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)
-    return _plainer(trials, needed(trials, chosen))
+    return plainer(trials, needed(trials, chosen))
 
 
 def needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
-    if len(chosen.effects) > trials.settings.most:
-        chosen = _without_idle(trials, chosen)
+    chosen = _without_idle(trials, chosen)
     # One of all joints was cut to what is needed when it was made, and would take minutes here.
     while 1 < len(chosen.effects) <= trials.settings.most and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
@@ -49,14 +48,17 @@ def needed(trials: Trials, chosen: Model) -> Model:
 
 
 def _without_idle(trials: Trials, chosen: Model) -> Model:
-    """`chosen` without all that is idle at once: beside a formula most of what stood in for it on a dozen joints is."""
+    """`chosen` without all that is idle at once, fitted from where it was: beside a formula most of what stood in for it on a dozen joints is.
+
+    What does next to nothing may have led the others to parameters that they would not have come to without it.
+    """
     while not trials.cut_short("leaving out what is needless"):
         useless = list(idle(trials.problem, trials.problem.fitter(chosen.effects), chosen.effects))
         kept = [effect for effect in chosen.effects if effect not in useless]
         if not useless or not kept:
             break
         less = trials.add(trials.converged(*trials.polished([kept])[0])[0])
-        if trials.is_better(less, chosen):
+        if all(means_something(trials.problem, effect) for effect in useless) and trials.is_better(less, chosen):
             break
         chosen = less
     return chosen
@@ -72,7 +74,7 @@ def _roughly(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) 
     return effects, fitter.chi_square(fitter.fit(effects).cost)
 
 
-def _plainer(trials: Trials, chosen: Model) -> Model:
+def plainer(trials: Trials, chosen: Model) -> Model:
     """`chosen` with an effect's plainer kin in its place, where that predicts as well."""
     problem = trials.problem
     starts = {(one.name, one.target): one.starts[0] for one in trials.candidates}
@@ -92,5 +94,5 @@ def _plainer(trials: Trials, chosen: Model) -> Model:
                     continue
                 plain = trials.add(trials.converged(*polished(problem, kin))[0])
             if not trials.is_better(plain, chosen):
-                return _plainer(trials, plain)
+                return plainer(trials, plain)
     return chosen

@@ -160,5 +160,6 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             before=rig.joints[:column],
             carried=carried[joint],
             arm=float(np.linalg.norm(rig.model.place(joint))) if carried[joint] else 0.0,
+            step=rig.timestep,
         )
     return found

@@ -1,0 +1,52 @@
+"""The simplest of the models that predict best."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from mpge_bench.diagnosis.choose.choice import _settled
+from mpge_bench.diagnosis.choose.simplest import needed
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
+from mpge_bench.diagnosis.hypotheses.candidates import candidates
+from mpge_bench.envs.effects import Armature, JointElasticity, Payload, SensorDelay
+
+from ..conftest import posed
+
+
+@pytest.fixture
+def trials(rig: Rig) -> Trials:
+    asked = posed(rig, Armature("elbow", 0.02), seconds=3.0, noise=1e-4)
+    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, math.inf))
+
+
+def test_what_means_nothing_is_left_out_whatever_it_seems_to_gain_and_the_rest_fitted_from_where_it_was(trials: Trials) -> None:
+    """Beside a sensor 65 µs late an elastic drive had come to its own parameters; the answer kept both, since an older fit without was worse."""
+    poor = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.01),)))
+    both = as_it_is(trials.problem, (Armature("elbow", 0.019), SensorDelay("elbow", 1e-4)))
+    left = needed(trials, replace(both, missed=both.missed / 100))
+    assert left.key == poor.key
+    (rotor,) = left.effects
+    assert isinstance(rotor, Armature)
+    assert rotor.inertia == pytest.approx(0.02, rel=0.02)
+
+
+def test_an_answer_whose_gain_over_a_plainer_one_went_as_it_was_fitted_to_the_end_makes_room_for_it(trials: Trials) -> None:
+    """A stiff drive predicted by 2% better than a rotor for as long as neither was fitted to the end."""
+    trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
+    stiff = as_it_is(trials.problem, (JointElasticity("elbow", 3000.0, 20.0, 0.02),))
+    assert trials.settled(stiff).effects[0].name == "joint_elasticity"
+    found = _settled(trials, stiff)
+    assert [effect.name for effect in found.effects] == ["armature"]
+
+
+def test_what_is_needed_stays(trials: Trials) -> None:
+    chosen = as_it_is(trials.problem, (Armature("elbow", 0.02),))
+    assert needed(trials, chosen) is chosen
+    beside = as_it_is(trials.problem, (Armature("elbow", 0.02), Payload("upper", 1e-7, 0.2)))
+    assert [effect.name for effect in needed(trials, beside).effects] == ["armature"]
