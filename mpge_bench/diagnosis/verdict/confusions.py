@@ -35,11 +35,12 @@ def rivals(choice: Choice, error_of: ExportedError) -> tuple[Rival, ...]:
     return tuple(result)
 
 
-def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float]:
-    """Models that would be taken for the chosen one, and the chance that none was.
+def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float | None]:
+    """Models that would be taken for the chosen one, and the chance that none was; None where that is not known: far from the noise, or of all joints at once.
 
     Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood
-    ratio data of one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike.
+    ratio data of one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike. What nothing is said to be
+    taken for is not always there either, as concealed cases tell.
     """
     settings, chosen = choice.problem.settings.verdict, choice.chosen
     odds, found = 0.0, []
@@ -48,7 +49,8 @@ def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float]:
         if chance >= settings.confused:
             found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
         odds += chance / (1 - chance)
-    return tuple(found), round(1 / (1 + odds), 3)
+    is_known = not choice.is_far and len(chosen.effects) <= choice.problem.settings.choose.most
+    return tuple(found), round(settings.sure / (1 + odds), 3) if is_known else None
 
 
 def mistaken(twin: Twin) -> float:

@@ -53,7 +53,7 @@ def untold(model: Model) -> tuple[tuple[str, ...], ...]:
 
 
 def found_effects(
-    rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float, drifts: Mapping[tuple[str, str], str]
+    rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float | None, drifts: Mapping[tuple[str, str], str]
 ) -> tuple[FoundEffect, ...]:
     """What is reported of the chosen model: first what has a name; a nameless curve is taken for nothing, and nobody can be sure of it.
 
