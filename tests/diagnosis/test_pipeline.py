@@ -221,9 +221,9 @@ def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path, monkeypatc
         asked.clear()
     assert not found.data["complete"]
     assert "best answer so far" in " ".join(found.summary)
-    # With no time at all it looks, fits one model and judges that: nothing else is begun.
+    # With no time at all it looks, fits one model, judges that, and fits it to what judges it (some 20 of 49 predictions): nothing else is begun.
     assert found.data["verdict"] != "no_mismatch"
-    assert counts[1] < 0.25 * counts[0]
+    assert counts[1] < 0.3 * counts[0]
 
 
 @pytest.mark.parametrize(
