@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -16,18 +15,14 @@ import numpy as np
 import typer
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from measured_recordings import parts_of, published
 
-from mpge_bench.diagnosis.data.checks import measurements, read_recordings
-from mpge_bench.diagnosis.data.parts import parted
-from mpge_bench.diagnosis.data.recording import Recording, find_recordings
+from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.predict.bullet import simulate, with_a_past
 from mpge_bench.diagnosis.report.plots import COLOURS
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.webpage import STYLE
-
-sys.path.insert(0, str(Path(__file__).parent))
-from measured_recordings import published
 
 #: Colour of the authors' model, between those of the simulator before and after.
 _PUBLISHED = "#8a8a8a"
@@ -41,8 +36,8 @@ def main(
     out: Annotated[Path, typer.Argument(help="PNG to write.")],
 ) -> None:
     """Predict the held-out recording three times, draw it and the errors."""
-    rig, corrected = read_rig(machine / "rig.yaml"), read_rig(diagnosed / "corrected.yaml")
-    (unseen, *_) = parted(measurements(rig, read_recordings(find_recordings([str(machine / "*.parquet")]), rig))).unseen
+    (rig, parts), corrected = parts_of(machine), read_rig(diagnosed / "corrected.yaml")
+    unseen = parts.unseen[0]
     horizon = DEFAULT.predict.horizon
     theirs = simulate(rig, unseen, horizon, tuple(published(machine.name, rig.joints)))
     held = json.loads((diagnosed / "diagnosis.json").read_text())["fit"]["held_out"]

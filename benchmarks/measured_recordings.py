@@ -17,9 +17,9 @@ from pathlib import Path
 from mpge_bench.console import ConsoleProgress
 from mpge_bench.diagnosis.choose.exported import exported_error
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
-from mpge_bench.diagnosis.data.parts import parted
+from mpge_bench.diagnosis.data.parts import Parts, parted
 from mpge_bench.diagnosis.data.recording import find_recordings
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.pipeline import diagnose_files
 from mpge_bench.diagnosis.predict.smooth import reference
@@ -83,10 +83,15 @@ def main() -> None:
         print(f"| {name} ({data['verdict']}) | {'; '.join(found) or 'nothing'} | {said} | {errors} |")
 
 
+def parts_of(folder: Path) -> tuple[Rig, Parts]:
+    """The rig, and the recordings as the diagnosis divides them."""
+    rig = read_rig(folder / "rig.yaml")
+    return rig, parted(measurements(rig, read_recordings(find_recordings([str(folder / "*.parquet")]), rig)))
+
+
 def published_error(folder: Path) -> float:
     """On the same held-out recordings, rad."""
-    rig = read_rig(folder / "rig.yaml")
-    parts = parted(measurements(rig, read_recordings(find_recordings([str(folder / "*.parquet")]), rig)))
+    rig, parts = parts_of(folder)
     searched = parts.searched
     posed = problem(searched, reference(rig, searched.recordings), DEFAULT.predict.horizon)
     return exported_error(posed, parts.unseen)(tuple(published(folder.name, rig.joints)))

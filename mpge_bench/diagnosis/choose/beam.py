@@ -83,8 +83,7 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     """Models of one more effect than `model`, fitted roughly: of the `tried` candidates that promise most, the better half."""
     problem = trials.problem
     ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
-    present = {(plainer, effect.target) for effect in model.effects for plainer in effect.contains}
-    ranked = [one for one in ranked if (one.name, one.target) not in present][:tried]
+    ranked = [one for one in ranked if not any(one.is_within(effect) for effect in model.effects)][:tried]
     contained = [[effect for effect in model.effects if one.contains(effect)] for one in ranked]
     rest = [[effect for effect in model.effects if effect not in within] for within in contained]
     steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]

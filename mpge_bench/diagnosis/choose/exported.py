@@ -39,6 +39,7 @@ class ExportedMisses:
         self._restarted = [RestartedRecording(problem.rig, one, problem.horizon, problem.settings, every=every) for one in recordings]
         judged = [np.arange(len(one.time))[with_a_past(one, problem.horizon, problem.settings.predict)] for one in recordings]
         self._judged = [np.setdiff1d(rows, one.left_out) for rows, one in zip(judged, self._restarted, strict=True)]
+        self._joints = len(problem.rig.joints)
 
     def __call__(self, effects: Sequence[Effect]) -> list[Array] | None:
         try:
@@ -46,9 +47,17 @@ class ExportedMisses:
         except UserError:
             return None
 
+    def in_a_row(self, effects: Sequence[Effect]) -> Array | None:
+        """The same as one vector whose sum of squares is the square of `exported_error`: every recording, and every joint, counts alike."""
+        found = self(effects)
+        return None if found is None else _in_a_row(found)
 
-def in_a_row(misses: Sequence[Array]) -> Array:
-    """`ExportedMisses` as one vector whose sum of squares is the square of `exported_error`: every recording, and every joint, counts alike."""
+    def all_by(self, size: float) -> Array:
+        """`in_a_row` if every reading were missed by `size`."""
+        return _in_a_row([np.full((len(rows), self._joints), size) for rows in self._judged])
+
+
+def _in_a_row(misses: Sequence[Array]) -> Array:
     return np.concatenate([one.ravel() / math.sqrt(one.size * len(misses)) for one in misses])
 
 
@@ -67,23 +76,22 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
 
 
 def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """`effects` with parameters, sought from their own by least squares, under which the error on `recordings`, finite with their own, is least."""
+    """`effects` with parameters, sought from their own by least squares, under which the error on `recordings` is least."""
     settings = problem.settings.fit
     return sought(ExportedMisses(problem, recordings), effects, settings.evaluations, settings)[0]
 
 
 def sought(misses: ExportedMisses, effects: Sequence[Effect], evaluations: int, settings: FitSettings) -> tuple[tuple[Effect, ...], Array, Array]:
-    """`effects` with parameters, sought from their own by least squares, with which `misses`, finite with their own, are least.
+    """`effects` with parameters, sought from their own by least squares, with which `misses` are least.
 
     Returns:
         Also what is missed with them, shape (readings,), and its derivatives by their parameters, shape (readings, parameters).
     """
-    known = misses(tuple(effects)) or []
     size, (low, high) = sizes_of(effects), limits_of(effects)
 
     def missed(z: Array) -> Array:
-        found = misses(tuple(rebuild(effects, z * size)))
-        return in_a_row([np.full_like(one, settings.unstable) for one in known] if found is None else found)
+        found = misses.in_a_row(rebuild(effects, z * size))
+        return misses.all_by(settings.unstable) if found is None else found
 
     best = least_squares(
         missed,

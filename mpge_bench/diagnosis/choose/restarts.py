@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.exported import ExportedMisses, in_a_row, sought
+from mpge_bench.diagnosis.choose.exported import ExportedMisses, sought
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.data.rig import Rig
@@ -96,7 +96,7 @@ def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | Non
     """Of the points one step away that are materially better than `point` the plainest that is materially as good as the best; None if none is better."""
     settings, shared = trials.settings, (misses, trials.problem.settings)
     moves = _moves(trials, misses, point)
-    costs = [_cost(one) for one in trials.side_by_side(_STAGE, _missed, (misses,), [move.effects for move in moves])]
+    costs = [_cost(one) for one in trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [move.effects for move in moves])]
     followed: list[_Move] = []
     for adds, most in zip((True, False), settings.restart_fits, strict=True):
         best: dict[frozenset[str], _Move] = {}
@@ -118,7 +118,7 @@ def _moves(trials: Trials, misses: ExportedMisses, point: _Point) -> list[_Move]
     looks = [_Look(*start, column) for start, column in zip(starts, columns, strict=False) if column is not None]
     every = tuple(range(len(point.effects)))
     kept = [*([every] if len(every) < settings.most else []), *(tuple(index for index in every if index != left) for left in every)]
-    bases = trials.side_by_side(_STAGE, _missed, (misses,), [tuple(point.effects[index] for index in own) for own in kept])
+    bases = trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [tuple(point.effects[index] for index in own) for own in kept])
     more, instead = settings.restart_looks
     found = []
     for own, base in zip(kept, bases, strict=False):
@@ -147,9 +147,9 @@ def _proposed(rig: Rig, point: _Point, own: Sequence[int], base: Array, looks: S
         best[look.candidate.label] = max(best.get(look.candidate.label, (0.0, look)), (along**2 / power, look), key=lambda one: one[0])
     values = values_of(effects)
     for _, look in sorted(best.values(), key=lambda one: -one[0])[:most]:
-        unknown = unit_length(np.concatenate((jacobian.T, look.column[None])))
-        lengths = np.linalg.norm(np.concatenate((jacobian.T, look.column[None])), axis=1)
-        step = -np.linalg.lstsq(unknown.T, base, rcond=1e-6)[0] / np.where(lengths > 0, lengths, 1.0)
+        unknown = np.concatenate((jacobian.T, look.column[None]))
+        lengths = np.linalg.norm(unknown, axis=1)
+        step = -np.linalg.lstsq(unit_length(unknown).T, base, rcond=1e-6)[0] / np.where(lengths > 0, lengths, 1.0)
         new = look.candidate.part(rig, look.start, float(step[-1])) if look.candidate.measure else look.start
         # What is far off is not in proportion.
         moved = values + np.clip(step[:-1], -np.abs(values) / 2, np.abs(values) / 2)
@@ -160,7 +160,7 @@ def _proposed(rig: Rig, point: _Point, own: Sequence[int], base: Array, looks: S
 def _goes_beside(candidate: Candidate, effects: Sequence[Effect]) -> bool:
     """Whether it says something that none of `effects` says, nor says itself what one of them does."""
     for effect in effects:
-        if candidate.contains(effect) or (candidate.name in effect.contains and candidate.target == effect.target):
+        if candidate.contains(effect) or candidate.is_within(effect):
             return False
         if candidate.name == effect.name and "*" in (candidate.target, effect.target):
             return False
@@ -180,13 +180,8 @@ def _without_needless(trials: Trials, misses: ExportedMisses, point: _Point) -> 
 
 def _looked(misses: ExportedMisses, rig: Rig, point: _Point, start: Effect) -> Array | None:
     """By what `start` beside the effects of `point` changes what these miss."""
-    found = _missed(misses, rig.joined(point.effects, start))
+    found = misses.in_a_row(rig.joined(point.effects, start))
     return None if found is None else found - point.missed
-
-
-def _missed(misses: ExportedMisses, effects: Effects) -> Array | None:
-    found = misses(effects)
-    return None if found is None else in_a_row(found)
 
 
 def _cost(missed: Array | None) -> float:
@@ -196,6 +191,7 @@ def _cost(missed: Array | None) -> float:
 def _fitted(misses: ExportedMisses, settings: DiagnosisSettings, effects: Effects) -> _Point:
     """`effects`, with which the simulation is stable, fitted; as they are where there are none."""
     if not effects:
-        missed = in_a_row(misses(()) or [])
+        missed = misses.in_a_row(())
+        assert missed is not None
         return _Point((), missed, np.zeros((len(missed), 0)))
     return _Point(*sought(misses, effects, settings.choose.restart_evaluations, settings.fit))

@@ -68,6 +68,10 @@ class Candidate:
         """Whether it is a richer form of `effect`, which can do all that that does."""
         return effect.name in self.kind.contains and self.target == effect.target
 
+    def is_within(self, effect: Effect) -> bool:
+        """Whether `effect` is a richer form of it."""
+        return self.name in effect.contains and self.target == effect.target
+
 
 def candidates(rig: Rig, scales: Mapping[str, Scale], *, formulas: bool = False) -> list[Candidate]:
     """Every effect of the catalogue that is searched for, on everything in `rig` that it could act on; or every law that is said as a formula."""

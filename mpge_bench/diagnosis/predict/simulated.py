@@ -201,7 +201,7 @@ class RestartedRecording:
         self._motion = differentiate(recording, settings.data)
         every_part = list(stretches(recording, horizon))
         chosen = every_part[every // 2 :: every] or every_part
-        self.left_out = np.array([row for part in every_part if part not in chosen for row in range(*part)], np.int64)
+        self.left_out = np.array([row for part in set(every_part) - set(chosen) for row in range(*part)], np.int64)
         # A stretch of one row is the recording.
         parts = [part for part in chosen if part[1] - part[0] > 1]
         longest = max((end - first for first, end in parts), default=0)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import ExportedMisses, in_a_row
+from mpge_bench.diagnosis.choose.exported import ExportedMisses
 from mpge_bench.diagnosis.choose.score import weighed
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
@@ -89,7 +89,7 @@ def _in_windows(choice: Choice) -> Shares:
 
 def _plainer(choice: Choice, candidate: Candidate) -> list[Candidate]:
     """Those that `candidate` contains: only what goes beyond these counts."""
-    return [one for one in choice.candidates if one.name in candidate.kind.contains and one.target == candidate.target]
+    return [one for one in choice.candidates if candidate.contains(one.starts[0])]
 
 
 def _with(basis: Array, columns: Sequence[Array]) -> Array:
@@ -114,12 +114,7 @@ def _exported(choice: Choice) -> Shares:
     Whichever sign it has: what is missed anyway may look like it, or like its opposite.
     """
     problem, effects = choice.problem, choice.chosen.effects
-    misses, settings = ExportedMisses(problem, problem.recordings), problem.settings
-
-    def missed(effects: Sequence[Effect]) -> Array | None:
-        found = misses(effects)
-        return None if found is None else in_a_row(found)
-
+    missed, settings = ExportedMisses(problem, problem.recordings).in_a_row, problem.settings
     at = missed(effects)
     if at is None:
         return lambda candidate: [math.inf] * len(candidate.starts)
