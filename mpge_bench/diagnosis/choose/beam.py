@@ -33,23 +33,8 @@ def grow(trials: Trials, screening: Screening) -> None:
     settings = trials.settings
     beam: Beam = [(trials.nominal, trials.fitter)]
     for depth in range(settings.most):
-        drafts = _drafts(trials, beam, screening, depth)
-        if not drafts:
-            break
-        if depth == 0:
-            _renew_noise(trials, drafts[0])
-        together = None
-        if depth == 0 and drafts[0].overall > settings.coarse:
-            if lone_formula(trials):
-                break
-            together = everywhere(trials)
-            drafts = sorted(drafts + pairs(trials), key=lambda one: one.overall)
-        grown = _polished(trials, drafts, depth, [together] if together else [])
+        grown = _grown(trials, beam, screening, depth)
         if not grown:
-            break
-        best = grown[0][0]
-        # There is something, so that what no effect does alone two may do together.
-        if depth and not trials.is_better(beam[0][0], best):
             break
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         levels = trials.levels([model for model, _ in grown])
@@ -57,9 +42,32 @@ def grow(trials: Trials, screening: Screening) -> None:
         beam = [pair for pair, level in zip(grown, levels, strict=True) if level < near * levels[0]][: settings.beam]
         if trials.cut_short("combining effects"):
             break
-        rest = screen(beam[0][1], trials.candidates, best.fit, draws=trials.problem.settings.fit.draws_left)
-        if rest.p_value >= settings.significance or max(rest.gains.values(), default=0.0) < settings.material:
+        rest = screen(beam[0][1], trials.candidates, grown[0][0].fit, draws=trials.problem.settings.fit.draws_left)
+        is_chance = rest.p_value >= settings.significance and rest.odds < settings.doubtless
+        if is_chance or max(rest.gains.values(), default=0.0) < settings.material:
             break
+
+
+def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam:
+    """Models of one more effect than those of the beam, or of two; none where the best of them is no better than the beam's."""
+    drafts = _drafts(trials, beam, screening, depth)
+    if not drafts:
+        return []
+    together = None
+    if depth == 0:
+        _renew_noise(trials, drafts[0])
+        if drafts[0].overall > trials.settings.coarse:
+            if lone_formula(trials):
+                return []
+            together = everywhere(trials)
+            drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
+    grown = _polished(trials, drafts, depth, [together] if together else [])
+    if depth == 0 or not grown or trials.is_better(beam[0][0], grown[0][0]):
+        # There is something, so that what no effect does alone two may do together.
+        return grown
+    drafts = [] if trials.cut_short("combining effects") else _ordered(pairs(trials, *beam[0]))
+    grown = _polished(trials, drafts, depth, []) if drafts else []
+    return grown if grown and trials.is_better(beam[0][0], grown[0][0]) else []
 
 
 def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> list[Model]:
@@ -76,6 +84,11 @@ def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> lis
         looked = screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order) if model.effects else screening
         drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)
     drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.overall)}.values())
+    return _ordered(drafts)
+
+
+def _ordered(drafts: list[Model]) -> list[Model]:
+    """The one that misses least first."""
     return sorted(drafts, key=lambda one: one.overall)
 
 
@@ -87,8 +100,7 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     contained = [[effect for effect in model.effects if one.contains(effect)] for one in ranked]
     rest = [[effect for effect in model.effects if effect not in within] for within in contained]
     steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]
-    fits = trials.grown(fitter, steps)
-    return trials.drafted(fitter, fits, tried // 2)
+    return trials.drafted(fitter, trials.grown(fitter, steps), tried // 2)
 
 
 def _beyond(problem: Problem, candidate: Candidate, contained: Sequence[Effect]) -> Candidate:

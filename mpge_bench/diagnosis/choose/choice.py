@@ -11,9 +11,9 @@ from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
-from mpge_bench.diagnosis.choose.simplest import plainer, simplest
+from mpge_bench.diagnosis.choose.simplest import needed, plainer, simplest
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
-from mpge_bench.diagnosis.choose.twins import Twin, plainest, twins
+from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -41,9 +41,10 @@ class Mismatch:
 def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     """Whether there is a mismatch at all, be it one of the `options` or a nameless curve.
 
-    Two tests, the smaller p of which counts: signs of the windows (`screen`), which ask nothing of the noise but see little of what acts on few windows; and
-    `chance_of`, which by far overestimates the noise, so that it hardly ever adds a false alarm. The latter looks at calm windows only: where the motion is
-    so violent that the physics step matters a lot, a right simulator misses it, too. Few windows are too little data whatever they miss.
+    Three tests, the smallest p of which counts: signs of the windows (`screen`), which ask nothing of the noise but see little of what acts on few windows;
+    what one candidate explains whole of few windows (`log_odds`, by Wilks' theorem and Bonferroni's bound); and `chance_of`, which by far overestimates the
+    noise, so that it hardly ever adds a false alarm. The latter looks at calm windows only: where the motion is so violent that the physics step matters a
+    lot, a right simulator misses it, too. Few windows are too little data whatever they miss.
     """
     model, fitter = nominal(problem)
     found = screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)])
@@ -52,8 +53,10 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     # Their mean square: one window that misses a hundred noises is enough.
     missed = model.missed[calm]
     by_size = chance_of(float(missed.mean()), len(missed), settings) if len(missed) else 1.0
-    if found.least < settings.significance and by_size < found.p_value:
-        found = replace(found, p_value=max(by_size, settings.least_chance), is_bound=by_size < settings.least_chance)
+    whole = len(options) * float(stats.chi2.sf(2 * (found.odds + found.parameters), found.parameters))
+    least = min(by_size, whole)
+    if found.least < settings.significance and least < found.p_value:
+        found = replace(found, p_value=max(least, settings.least_chance), is_bound=least < settings.least_chance)
     return Mismatch(model, fitter, found)
 
 
@@ -119,8 +122,11 @@ def choose(
             grow(trials, again.screening)
         named = with_formulas(trials, simplest(trials))
         nearer = by_recorded_states(trials, named)
-        # What was found so is as it should be; fits in windows lead away from it.
-        chosen = with_curves(trials, nearer) if nearer else _settled(trials, plainest(trials, with_curves(trials, named)))
+        if nearer and trials.are_far([nearer]):
+            # What was found so is as it should be; fits in windows lead away from it.
+            chosen = with_curves(trials, nearer)
+        else:
+            chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, needed(trials, nearer) if nearer else named))))
         chosen = trials.as_exported(chosen)
     models, alike = tuple(trials.models), twins(trials, chosen)
     is_far = trials.are_far([chosen])

@@ -16,6 +16,7 @@ from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 
@@ -32,11 +33,12 @@ class _Atom:
     basis: Array
 
 
-def pairs(trials: Trials) -> list[Model]:
-    """The most promising pairs of candidates, roughly fitted, in no order."""
-    fitter, settings = trials.fitter, trials.settings
-    fits = trials.each(_fitted, (fitter,), promising(trials.nominal, fitter, trials.candidates)[: settings.pairs])
-    return trials.drafted(fitter, fits, settings.polished)
+def pairs(trials: Trials, model: Model, fitter: LinearFitter) -> list[Model]:
+    """The most promising pairs of candidates beside the effects of `model`, roughly fitted, in no order."""
+    settings = trials.settings
+    options = [one for one in trials.candidates if one.label not in model.key and not any(one.is_within(effect) for effect in model.effects)]
+    fits = trials.each(_fitted, (fitter, model.effects), promising(model, fitter, options)[: settings.pairs])
+    return trials.drafted(fitter, fits, settings.polished, new=2)
 
 
 def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
@@ -89,6 +91,6 @@ def _explained(atoms: Sequence[_Atom], left: Array) -> list[tuple[float, int, in
     return found
 
 
-def _fitted(problem: Problem, fitter: LinearFitter, pair: tuple[Candidate, Candidate]) -> Fit:
-    first = fitter.grow((), pair[0])
+def _fitted(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect], pair: tuple[Candidate, Candidate]) -> Fit:
+    first = fitter.grow(effects, pair[0])
     return fitter.grow(first.effects, pair[1])

@@ -71,12 +71,17 @@ class _Move:
 
 
 def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
-    """The model to which steps from `chosen` lead, where that is far from the noise; None where it predicts no better, or has too many effects for it."""
+    """The model to which steps from `chosen` lead, where that is far from the noise; None where it predicts no better.
+
+    A little of everything on all joints is where fits end that cannot follow the motion: from there it begins anew, and what has a few effects and predicts
+    no worse is the better answer.
+    """
     settings = trials.settings
-    if len(chosen.effects) > settings.most or not trials.are_far([chosen]) or trials.cut_short(_STAGE):
+    if not trials.are_far([chosen]) or trials.cut_short(_STAGE):
         return None
     misses = ExportedMisses(trials.problem, trials.problem.recordings, most=settings.restarts)
-    named = tuple(effect for effect in chosen.effects if effect.named)
+    is_of_all = len(chosen.effects) > settings.most
+    named = () if is_of_all else tuple(effect for effect in chosen.effects if effect.named)
     if misses(named) is None:
         return None
     point = _fitted(misses, trials.problem.settings, named)
@@ -89,7 +94,7 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
         found = trials.add(as_it_is(trials.problem, point.effects))
     except np.linalg.LinAlgError:
         return None
-    return found if trials.is_better(chosen, found) else None
+    return found if trials.is_better(chosen, found) or (is_of_all and not trials.is_better(found, chosen)) else None
 
 
 def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.hypotheses.candidates import carrier
@@ -33,21 +34,25 @@ def fallen(before: Array, after: Array) -> tuple[float, float]:
 
 
 def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
-    """Whether `rich` predicts better than `simple`: materially, all windows beyond two standard errors, and validation ones too if they are touched at all.
+    """Whether `rich` predicts better than `simple`: materially, beyond chance, and validation windows too if they are touched at all.
 
-    A handful of parameters cannot overfit thousands of rows by a material share, and the validation windows of a few seconds are too few for a test. What
-    seldom happens, as a limit that is seldom reached, is judged on the windows where it does.
+    Beyond chance is what all windows gain beyond two standard errors, or what few windows say with `log_odds` that leave no doubt. A handful of parameters
+    cannot overfit thousands of rows by a material share, and the validation windows of a few seconds are too few for a test. What seldom happens, as a limit
+    that is seldom reached, is judged on the windows where it does.
     """
     settings, held = problem.settings.choose, problem.validation
     every = np.ones_like(held)
     missed = (simple.missed_beside(rich), rich.missed_beside(simple))
     apart = np.abs(missed[1] - missed[0]) > settings.touched * np.minimum(*missed)
     share, error = gain(simple, rich, apart if apart.sum() > settings.few_touched else every)
-    told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
     # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere, and windows differ too much for two standard errors.
     near = rich.overall < settings.coarse
     least, errors = (settings.material, settings.errors) if near else (settings.coarse_material, settings.coarse_errors)
-    return share > errors * error and min(gain(simple, rich, every)[0], told) > least
+    told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
+    # Of the few validation windows that are touched a material share is a small one of all.
+    if gain(simple, rich, every)[0] <= least or told <= (least if (apart & held).sum() > settings.few_touched else 0.0):
+        return False
+    return share > errors * error or (near and log_odds(*missed, problem.settings.fit.pieces) > settings.doubtless + rich.parameters - simple.parameters)
 
 
 def means_something(problem: Problem, effect: Effect) -> bool:

@@ -173,9 +173,12 @@ class Trials:
         """Of each step its effects and a candidate beside them, fitted in the linearised simulator."""
         return self.each(_grown, (fitter,), steps)
 
-    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int) -> list[Model]:
-        """Those `fits` of the linearised simulator without idle effects that come nearest, `most` of them, refined a little in the simulator."""
-        useful = [one for one in fits if not any(idle(self.problem, fitter, one.effects))]
+    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int, new: int = 1) -> list[Model]:
+        """Those `fits` of the linearised simulator that come nearest, `most` of them, refined a little in the simulator.
+
+        None whose last effects, `new` of them, are idle; others may be so now that these have come.
+        """
+        useful = [one for one in fits if not set(one.effects[-new:]) & set(idle(self.problem, fitter, one.effects))]
         useful.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
         return [self.fitted(draft) for draft in self.each(drafted, (fitter,), useful[:most])]
 

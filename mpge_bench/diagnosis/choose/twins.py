@@ -6,6 +6,8 @@ to fit.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,29 +83,52 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
     named = [one for one in chosen.effects if one.named]
     if not named:
         return []
-    settings, fitter = trials.problem.settings.choose, trials.problem.fitter(chosen.effects)
-    # Nuisances take part, but each standard deviation of one costs as much as one of a reading's noise: what goes beyond their limits is not theirs.
-    nuisances = fitter.nuisances.forgiven(chosen.effects).reshape(-1, chosen.fit.residuals.size)
-    nuisances = np.concatenate((nuisances, np.eye(len(nuisances))), axis=1)
-
-    def flat(columns: Array) -> Array:
-        return np.pad(columns.reshape(-1, chosen.fit.residuals.size), ((0, 0), (0, len(nuisances))))
-
+    columns = _Columns(trials, chosen)
     for effect in named:
         # All candidates, whatever was fitted; of a model of all joints that may take minutes.
-        if len(named) > settings.most and trials.cut_short("telling twins apart"):
+        if len(named) > trials.settings.most and trials.cut_short("telling twins apart"):
             break
-        others = [other for other in chosen.effects if other is not effect]
-        (own,) = flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
-        taken = spanned(unit_length(np.concatenate((flat(_columns_of_others(chosen, effect)), nuisances))))
+        for one in columns.in_place_of([effect], only):
+            found.append(Twin((*one.others, one.start), effect, one.distance, one.change, one.is_sum))
+    return found
+
+
+@dataclass(frozen=True)
+class _StandIn:
+    """An effect in the place of some of the chosen model's: beside the `others`, at its `start`; the rest as of a `Twin`."""
+
+    others: tuple[Effect, ...]
+    start: Effect
+    distance: float
+    change: float
+    is_sum: bool
+
+
+class _Columns:
+    """By what effects change the prediction of the simulator linearised about the `chosen` model."""
+
+    def __init__(self, trials: Trials, chosen: Model) -> None:
+        self._trials, self._chosen, self._fitter = trials, chosen, trials.problem.fitter(chosen.effects)
+        # Nuisances take part, but each standard deviation of one costs as much as one of a reading's noise: what goes beyond their limits is not theirs.
+        nuisances = self._fitter.nuisances.forgiven(chosen.effects).reshape(-1, chosen.fit.residuals.size)
+        self._nuisances = np.concatenate((nuisances, np.eye(len(nuisances))), axis=1)
+        #: Standard deviations of what the chosen model leaves.
+        self._scale = max(1.0, chosen.train) ** 0.5
+
+    def in_place_of(self, replaced: Sequence[Effect], only: str | None = None) -> Iterator[_StandIn]:
+        """Each candidate, or the one whose label is given, in the place of all the effects `replaced`."""
+        chosen, fitter = self._chosen, self._fitter
+        others = tuple(other for other in chosen.effects if not any(other is effect for effect in replaced))
+        (own,) = self._flat(fitter.predictor.change(chosen.effects) - fitter.predictor.change(others))
+        taken = spanned(unit_length(np.concatenate((self._flat(_columns_of(chosen, others)), self._nuisances))))
         left = own - (own @ taken.T) @ taken
-        for candidate in trials.candidates:
-            if candidate.label in chosen.key or candidate.contains(effect) or only not in (None, candidate.label):
+        for candidate in self._trials.candidates:
+            if candidate.label in chosen.key or any(candidate.contains(effect) for effect in replaced) or only not in (None, candidate.label):
                 continue
             if candidate.is_of_all and any(other.name == candidate.name for other in others):
                 # What acts on all alike is the sum of what acts on each.
                 continue
-            columns = flat(fitter.columns(candidate, others))
+            columns = self._flat(fitter.columns(candidate, others))
             length = np.linalg.norm(columns, axis=1, keepdims=True)
             columns = columns - (columns @ taken.T) @ taken
             # What others make up for but for rounding is nothing of its own.
@@ -112,10 +137,12 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
             options = [columns] if not candidate.kind.is_bent() else list(columns[:, None])
             distances = [remainder(left, option, one_sided=candidate.kind.is_one_sided()) for option in options]
             best = int(np.argmin(distances))
-            start, scale = candidate.starts[best], max(1.0, chosen.train) ** 0.5
+            start = candidate.starts[best]
             is_sum = len(options[best]) > len(parameters_of(start))
-            found.append(Twin((*others, start), effect, distances[best] / scale, float(np.linalg.norm(own)) / scale, is_sum))
-    return found
+            yield _StandIn(others, start, distances[best] / self._scale, float(np.linalg.norm(own)) / self._scale, is_sum)
+
+    def _flat(self, columns: Array) -> Array:
+        return np.pad(columns.reshape(-1, self._chosen.fit.residuals.size), ((0, 0), (0, len(self._nuisances))))
 
 
 def plainest(trials: Trials, chosen: Model) -> Model:
@@ -128,6 +155,29 @@ def plainest(trials: Trials, chosen: Model) -> Model:
         model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
         if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal):
             return model
+    return chosen
+
+
+def merged(trials: Trials, chosen: Model) -> Model:
+    """`chosen` with one effect in the place of two of its own, where that has fewer parameters and predicts as well.
+
+    Two centres of mass may stand for one heavier link, if that was far from its best when they were taken up.
+    """
+    settings, named = trials.settings, [one for one in chosen.effects if one.named]
+    if not 2 <= len(chosen.effects) <= settings.most or trials.are_far([chosen]):
+        return chosen
+    columns, found = _Columns(trials, chosen), []
+    for pair in itertools.combinations(named, 2):
+        if trials.cut_short("one effect in the place of two"):
+            break
+        fewer = sum(len(parameters_of(effect)) for effect in pair)
+        found += [one for one in columns.in_place_of(pair) if len(parameters_of(one.start)) < fewer and one.distance < settings.alike * one.change]
+    for one in sorted(found, key=lambda one: one.distance)[: settings.twins]:
+        if trials.cut_short("one effect in the place of two"):
+            break
+        model = trials.add(trials.converged(*trials.polished([[*one.others, one.start]])[0])[0])
+        if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal):
+            return merged(trials, model)
     return chosen
 
 
@@ -148,7 +198,7 @@ def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:
     return float(np.linalg.norm(own - unit @ np.linalg.lstsq(unit, own, rcond=1e-6)[0]))
 
 
-def _columns_of_others(chosen: Model, effect: Effect) -> Array:
-    """Derivatives of the prediction by the parameters of the other effects of `chosen`."""
-    belongs = [one is not effect for one in chosen.effects for _ in parameters_of(one)]
+def _columns_of(chosen: Model, effects: Sequence[Effect]) -> Array:
+    """Derivatives of the prediction of `chosen` by the parameters of some of its `effects`."""
+    belongs = [any(one is effect for effect in effects) for one in chosen.effects for _ in parameters_of(one)]
     return np.asarray(chosen.fit.jacobian[np.array(belongs, bool)])

@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.told import spanned
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
+from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
 
@@ -26,12 +28,16 @@ class Screening:
         least: what p could have come down to with as many windows, had all possible signs been tried.
         gains: by what share the sum of squares falls, at most, to first order, by candidate; windows that miss much more than others count less. Of a bent
             candidate, the fall of the `LinearFitter.chi_square` from one of its starts if that is more.
+        odds: for the candidate for which they are best, to first order, as `log_odds` has it, less what as many parameters gain by chance.
+        parameters: how many those are.
     """
 
     p_value: float
     is_bound: bool
     least: float
     gains: dict[Candidate, float]
+    odds: float = 0.0
+    parameters: int = 1
 
 
 class _Residual:
@@ -53,11 +59,11 @@ class _Residual:
         length = np.sqrt((taken**2).sum(1, keepdims=True))
         self._taken = np.linalg.qr((taken / np.where(length > 0, length, 1.0)).T)[0]
 
-    def along(self, columns: Array) -> Array | None:
+    def along(self, columns: Array) -> tuple[Array, Array] | None:
         """The residual's parts along the directions that `columns` (columns, windows, rows * channels) span beyond what is taken.
 
         Returns:
-            Shape (directions, windows); None where there are no such directions.
+            Shape (directions, windows), and what of the residual they explain, shape (windows, rows * channels); None where there are no such directions.
         """
         every = (columns * self._weight).reshape(len(columns), -1)
         every = every - (every @ self._taken) @ self._taken.T
@@ -66,7 +72,9 @@ class _Residual:
         if not alive.any():
             return None
         basis = spanned(every[alive] / size[alive, None])
-        return np.asarray((basis.reshape(len(basis), *self.values.shape) * self.values).sum(-1))
+        basis = basis.reshape(len(basis), *self.values.shape)
+        parts = np.asarray((basis * self.values).sum(-1))
+        return parts, np.tensordot(parts.sum(1), basis, 1)
 
 
 def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra: Sequence[Array] = (), *, draws: int | None = None) -> Screening:
@@ -83,13 +91,16 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
     residual = _Residual(fitter, model)
     flips, exact = _signs(residual.values.shape[0], draws or fitter.settings.draws)
     gains = {}
-    top, top_drawn = 0.0, np.zeros(len(flips))
+    top, top_drawn, odds = 0.0, np.zeros(len(flips)), (0.0, 1)
+    before = (residual.values**2).sum(-1)
+    level = fitter.count * before / np.maximum(model.cost, 1e-12)
     options: list[Candidate | Array] = [*chosen, *extra]
     for candidate in options:
         columns = fitter.columns(candidate, model.effects) if isinstance(candidate, Candidate) else candidate
-        parts = residual.along(columns)
-        if parts is None:
+        found = residual.along(columns)
+        if found is None:
             continue
+        parts, explained = found
         gain = float((parts.sum(1) ** 2).sum())
         drawn = ((flips @ parts.T) ** 2).sum(1)
         spread = float(drawn.mean()) / len(parts) if drawn.mean() > 0 else residual.noise
@@ -97,14 +108,23 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
         top = max(top, score)
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(parts)) / np.log(10))
         if isinstance(candidate, Candidate):
+            after = ((residual.values - explained) ** 2).sum(-1)
+            odds = max(odds, (_odds(fitter, before / level, after / level, len(parts)), len(parts)))
             gains[candidate] = gain / float((residual.values**2).sum())
             if candidate.kind.is_bent():
                 # What acts on few windows only, as a limit that is seldom reached, shows in these.
-                least = min(fitter.chi_square(((model.residuals - column) ** 2).sum(-1)) for column in columns)
-                gains[candidate] = max(gains[candidate], 1 - least / fitter.chi_square(model.cost))
+                left = [((model.residuals - column) ** 2).sum(-1) for column in columns]
+                gains[candidate] = max(gains[candidate], 1 - min(fitter.chi_square(cost) for cost in left) / fitter.chi_square(model.cost))
+                size = len(parameters_of(candidate.starts[0]))
+                odds = max(odds, *((_odds(fitter, model.cost / fitter.count, cost / fitter.count, size), size) for cost in left))
     # The recordings' own signs are one of all patterns, and are counted beside drawn ones (Phipson and Smyth 2010).
     exceeding = int((top_drawn >= top * (1 - 1e-9)).sum()) + (not exact)
-    return Screening(exceeding / (len(flips) + (not exact)), not exact and exceeding == 1, float(2.0 ** (1 - flips.shape[1])), gains)
+    return Screening(exceeding / (len(flips) + (not exact)), not exact and exceeding == 1, float(2.0 ** (1 - flips.shape[1])), gains, *odds)
+
+
+def _odds(fitter: LinearFitter, before: Array, after: Array, parameters: int) -> float:
+    """`log_odds`, less what so many parameters gain by chance."""
+    return log_odds(before, after, fitter.settings.pieces) - parameters
 
 
 def _signs(windows: int, draws: int) -> tuple[Array, bool]:

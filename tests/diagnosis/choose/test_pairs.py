@@ -42,7 +42,7 @@ def test_the_true_pair_is_among_the_first_of_all(trials: Trials) -> None:
 
 
 def test_pairs_come_with_their_sizes(trials: Trials) -> None:
-    drafts = {one.key: one for one in pairs(trials)}
+    drafts = {one.key: one for one in pairs(trials, trials.nominal, trials.fitter)}
     best = min(drafts.values(), key=lambda one: one.overall)
     assert key(HIDDEN) in drafts
     assert drafts[key(HIDDEN)].overall < 1.2 * best.overall < 3.0
