@@ -86,7 +86,7 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
     columns = _Columns(trials, chosen)
     for effect in named:
         # All candidates, whatever was fitted; of a model of all joints that may take minutes.
-        if len(named) > trials.settings.most and trials.cut_short("telling twins apart"):
+        if len(named) > trials.problem.settings.choose.most and trials.cut_short("telling twins apart"):
             break
         for one in columns.in_place_of([effect], only):
             found.append(Twin((*one.others, one.start), effect, one.distance, one.change, one.is_sum))

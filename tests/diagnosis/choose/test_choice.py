@@ -15,13 +15,14 @@ from mpge_bench.diagnosis.choose.choice import chance_of, shown_to_some
 from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
+from mpge_bench.envs.effects import TorqueLimit
 
-from ..conftest import ARM, write_rig
+from ..conftest import ARM, posed, write_rig
 
 
 @pytest.mark.parametrize("windows", [10, 30, 100])
@@ -74,3 +75,15 @@ def test_what_a_right_simulator_misses_of_violent_motion_is_no_mismatch(tmp_path
 def test_windows_are_dealt_anew_where_what_is_missed_acts_where_models_are_chosen(fits: list[tuple[float, float]], told: bool) -> None:
     models: Any = [SimpleNamespace(train=train, validation=validation) for train, validation in fits]
     assert shown_to_some(models, DEFAULT) is told
+
+
+def test_what_one_window_shows_and_one_effect_explains_is_a_mismatch(rig: Rig) -> None:
+    """A motor that gives way at torques that one half second alone asks for: signs of the windows would make nothing of it."""
+    still = posed(rig, seconds=4.0, noise=2e-4)
+    options = candidates(rig, scales(still.linear))
+    assert choice.tested(still, options).screening.p_value > DEFAULT.choose.significance
+    commands = np.concatenate([np.abs(one.u[:, 0]) for one in still.recordings])
+    hidden = TorqueLimit("shoulder", 0.85 * float(commands.max()))
+    found = choice.tested(posed(rig, hidden, seconds=4.0, noise=2e-4), options)
+    assert np.sum(found.nominal.missed > 1) == 2
+    assert found.screening.p_value < DEFAULT.choose.significance

@@ -13,9 +13,9 @@ from mpge_bench.diagnosis.choose.pairs import _Atom, _explained, pairs, promisin
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, key
-from mpge_bench.envs.effects import Payload, TorqueBias, TorqueGain, ViscousFriction
+from mpge_bench.envs.effects import CoulombFriction, Payload, TorqueBias, TorqueGain, ViscousFriction
 
 from ..conftest import posed
 
@@ -49,6 +49,18 @@ def test_pairs_come_with_their_sizes(trials: Trials) -> None:
     values = {effect.target: effect for effect in drafts[key(HIDDEN)].effects}
     assert (values["lower"].mass, values["lower"].distance) == pytest.approx((0.15, 0.3), rel=0.05)  # type: ignore[attr-defined]
     assert values["shoulder"].torque == pytest.approx(1.0, rel=0.05)  # type: ignore[attr-defined]
+
+
+def test_beside_what_was_found_pairs_are_found_too_that_make_some_of_it_idle(rig: Rig) -> None:
+    asked = posed(rig, CoulombFriction("elbow", 0.3), *HIDDEN, seconds=4.0, noise=2e-4)
+    options = [one for one in candidates(rig, asked.scales) if one.name in ("coulomb_friction", "payload", "torque_bias", "torque_gain")]
+    trials = Trials(asked, options, nominal(asked), Workers(1), Clock(0.0, math.inf))
+    beside, fitter = polished(asked, (CoulombFriction("elbow", 0.3), TorqueGain("elbow", 1.0001)))
+    drafts = {one.key: one for one in pairs(trials, beside, fitter)}
+    true = key((*beside.effects, *HIDDEN))
+    assert true in drafts
+    assert drafts[true].overall < 2
+    assert not any(len(one) < 4 for one in drafts)
 
 
 def candidate(number: int) -> Candidate:

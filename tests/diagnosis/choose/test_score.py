@@ -49,6 +49,25 @@ def test_what_seldom_happens_is_judged_where_it_does() -> None:
     assert is_better(PROBLEM, model(touched), model(cost))
 
 
+def test_few_windows_are_enough_that_are_explained_whole() -> None:
+    """Of a signs' or a t test three windows of forty can make nothing."""
+    cost = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
+    few = np.where(np.isin(np.arange(WINDOWS), (3, 11, 20)), [[5.0], [4.0]], 1.0)
+    share, error = gain(model(few[0] * cost), model(cost), np.ones(WINDOWS, bool))
+    assert share < DEFAULT.choose.errors * error
+    assert is_better(PROBLEM, model(few[0] * cost), model(cost))
+    # A part of what is missed may be taken by chance.
+    assert not is_better(PROBLEM, model(few[0] * cost), model(few[1] * cost))
+
+
+def test_a_few_validation_windows_that_are_touched_need_gain_no_share_of_all() -> None:
+    cost = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
+    late = np.arange(WINDOWS) == 33
+    touched = np.where(np.isin(np.arange(WINDOWS), (3, 11, 20, 25)), 5.0, 1.0) * cost
+    assert is_better(PROBLEM, model(touched * np.where(late, 1.03, 1.0)), model(cost))
+    assert not is_better(PROBLEM, model(touched), model(cost * np.where(late, 1.03, 1.0)))
+
+
 def test_none_is_better_because_it_leaves_itself_more_room() -> None:
     """As a lag does, of which half the physics step makes another, beside a delay."""
     missed = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
