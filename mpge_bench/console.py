@@ -1,4 +1,4 @@
-"""How long work looks on a terminal: a bar for each stage, and one line of outcome when it is done."""
+"""The terminal: where commands print, and how long work looks there: a bar for each stage, and one line of outcome when it is done."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
+
+#: What commands print their answers on; what is printed is taken as it is.
+console = Console(highlight=False, markup=False)
 
 
 class ConsoleProgress:

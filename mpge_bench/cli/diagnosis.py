@@ -12,7 +12,8 @@ import typer
 from rich.table import Table
 
 from mpge_bench import completion
-from mpge_bench.cli.shared import JSON_HELP, POLICIES_HELP, TASK_HELP, console
+from mpge_bench.cli.shared import JSON_HELP, POLICIES_HELP, TASK_HELP
+from mpge_bench.console import console
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from mpge_bench import completion
-from mpge_bench.cli.shared import NOISE_HELP, POLICIES_HELP, TASK_HELP, console
+from mpge_bench.cli.shared import NOISE_HELP, POLICIES_HELP, TASK_HELP
+from mpge_bench.console import console
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 

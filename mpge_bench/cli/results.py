@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from mpge_bench.cli.shared import JSON_HELP, console, print_sheets, wide
+from mpge_bench.cli.shared import JSON_HELP, print_sheets, wide
+from mpge_bench.console import console
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from mpge_bench.console import console
+
 if TYPE_CHECKING:
     from mpge_bench.leaderboard.tables import Sheet
-
-console = Console(highlight=False, markup=False)
 
 TASK_HELP = "Source/target pair; `tasks` lists them."
 NOISE_HELP = "Noise on the target states that a method gets to see, as a share of each coordinate's spread."

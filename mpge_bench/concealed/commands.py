@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
+from mpge_bench.console import console
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
 
@@ -19,7 +19,6 @@ app = typer.Typer(
     " recordings (spike).",
     no_args_is_help=True,
 )
-_out = Console(highlight=False, markup=False)
 _JOBS = os.cpu_count() or 1
 
 
@@ -52,7 +51,7 @@ def make(
     with ConsoleProgress() as progress:
         made = make_cases(out, counts, seed, jobs, progress)
     total = sum(counts.values())
-    _out.print(f"{made} cases made; {out} holds {total} of seed {seed}. Score a diagnosis on them with: python -m mpge_bench concealed score {out}")
+    console.print(f"{made} cases made; {out} holds {total} of seed {seed}. Score a diagnosis on them with: python -m mpge_bench concealed score {out}")
 
 
 @app.command()
@@ -102,10 +101,10 @@ def score(
     shown = Table(*heads, box=None)
     for one in cells:
         shown.add_row(*one)
-    _out.print(shown)
+    console.print(shown)
     for name, value in lines(rows):
-        _out.print(f"{name}: {value}", soft_wrap=True)
-    _out.print(f"{sum(row['passed'] for row in rows)} of {len(rows)} cases pass. Written to {out}: index.html (open it in a browser), scores.parquet")
+        console.print(f"{name}: {value}", soft_wrap=True)
+    console.print(f"{sum(row['passed'] for row in rows)} of {len(rows)} cases pass. Written to {out}: index.html (open it in a browser), scores.parquet")
 
 
 @app.command()
@@ -150,5 +149,5 @@ def spike(
         typer.echo(plain_json(rows))
         return
     for name, value in spiked.lines(rows):
-        _out.print(f"{name}: {value}", soft_wrap=True)
-    _out.print(f"Written to {out}: index.html (open it in a browser), spikes.parquet")
+        console.print(f"{name}: {value}", soft_wrap=True)
+    console.print(f"Written to {out}: index.html (open it in a browser), spikes.parquet")

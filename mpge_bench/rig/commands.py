@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from mpge_bench.console import console
 from mpge_bench.rig.folder import RIG
 
 app = typer.Typer(help="Write a rig, which says what the simulator believes of your machine (new).", no_args_is_help=True)
-_out = Console(highlight=False, markup=False)
 
 
 @app.callback()
@@ -37,6 +36,6 @@ def new(
     path = out or robot.with_name(RIG)
     rig = write_template(robot, path)
     joints = ", ".join(f"{joint} ({rig.modes[joint]})" for joint in rig.joints) or "none, it is free to move"
-    _out.print(f"Written to {path}. Joints: {joints}", soft_wrap=True)
+    console.print(f"Written to {path}. Joints: {joints}", soft_wrap=True)
     folder = shlex.quote(str(path.parent))
-    _out.print(f"Next: look at its lines marked ?, put recordings (CSV, Parquet) beside it, and run: python -m mpge_bench diagnose {folder}", soft_wrap=True)
+    console.print(f"Next: look at its lines marked ?, put recordings (CSV, Parquet) beside it, and run: python -m mpge_bench diagnose {folder}", soft_wrap=True)

@@ -80,7 +80,7 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
     if not trials.are_far([chosen]) or trials.cut_short(_STAGE):
         return None
     misses = ExportedMisses(trials.problem, trials.problem.recordings, most=settings.restarts)
-    is_of_all = len(chosen.effects) > settings.most
+    is_of_all = not settings.are_few(chosen.effects)
     named = () if is_of_all else tuple(effect for effect in chosen.effects if effect.named)
     if misses(named) is None:
         return None

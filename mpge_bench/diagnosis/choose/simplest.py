@@ -33,7 +33,7 @@ def needed(trials: Trials, chosen: Model) -> Model:
     problem = trials.problem
     chosen = _without_idle(trials, chosen)
     # One of all joints was cut to what is needed when it was made, and would take minutes here.
-    while 1 < len(chosen.effects) <= trials.settings.most and not trials.cut_short("leaving out what is needless"):
+    while len(chosen.effects) > 1 and trials.settings.are_few(chosen.effects) and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
         fitter, known = problem.fitter(chosen.effects), trials.known()
         roughly = trials.each(_roughly, (fitter,), [effects for effects in fewer if key(effects) not in known])

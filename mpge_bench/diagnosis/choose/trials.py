@@ -214,7 +214,7 @@ class Trials:
 
         Others take a second or two, for which there is time beyond the search's.
         """
-        few = model.fit.size > 0 and len(model.effects) <= self.settings.most and all(effect.named for effect in model.effects)
+        few = model.fit.size > 0 and self.settings.are_few(model.effects) and all(effect.named for effect in model.effects)
         return few and math.isfinite(self._used(model.effects)) and self.are_far([model])
 
     def _as_used(self, model: Model) -> Model:

@@ -86,7 +86,7 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
     columns = _Columns(trials, chosen)
     for effect in named:
         # All candidates, whatever was fitted; of a model of all joints that may take minutes.
-        if len(named) > trials.problem.settings.choose.most and trials.cut_short("telling twins apart"):
+        if not trials.problem.settings.choose.are_few(named) and trials.cut_short("telling twins apart"):
             break
         for one in columns.in_place_of([effect], only):
             found.append(Twin((*one.others, one.start), effect, one.distance, one.change, one.is_sum))
@@ -164,7 +164,7 @@ def merged(trials: Trials, chosen: Model) -> Model:
     Two centres of mass may stand for one heavier link, if that was far from its best when they were taken up.
     """
     settings, named = trials.settings, [one for one in chosen.effects if one.named]
-    if not 2 <= len(chosen.effects) <= settings.most or trials.are_far([chosen]):
+    if len(named) < 2 or not settings.are_few(chosen.effects) or trials.are_far([chosen]):
         return chosen
     columns, found = _Columns(trials, chosen), []
     for pair in itertools.combinations(named, 2):

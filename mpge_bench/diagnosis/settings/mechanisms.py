@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mpge_bench.diagnosis.settings.setting import setting
@@ -185,6 +186,10 @@ class ChooseSettings:
     reserved: float = setting(0.18, "share of the time budget", "in which nothing new is begun: what is under way ends, and the verdict is reached")
     reserved_least: float = setting(10.0, "s", "of small budgets more: so long the verdict takes where there are a few joints")
     reserved_most: float = setting(0.35, "share of the time budget", "but no more, or nothing would be searched for")
+
+    def are_few(self, effects: Sequence[object]) -> bool:
+        """Whether these are no more than a search by single effects leads to; a model of all joints has more, and each fit of it takes long."""
+        return len(effects) <= self.most
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float | None]:
         if chance >= settings.confused:
             found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
         odds += chance / (1 - chance)
-    is_known = not choice.is_far and len(chosen.effects) <= choice.problem.settings.choose.most
+    is_known = not choice.is_far and choice.problem.settings.choose.are_few(chosen.effects)
     return tuple(found), round(settings.sure / (1 + odds), 3) if is_known else None
 
 
