@@ -348,10 +348,10 @@ class BackEmfLimit(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         most, usual = scale.limit, scale.torque
-        return [
-            {"stall": torque, "no_load_speed": speed * scale.top_speed}
-            for torque, speed in ((1.2 * most, 1.2), (0.8 * most, 1.5), (0.5 * most, 1.5), (0.5 * most, 0.8), (most, 3.0), (1.5 * usual, 1.5))
-        ]
+        limits = [(1.2 * most, 1.2), (0.8 * most, 1.5), (0.5 * most, 1.5), (0.5 * most, 0.8), (most, 3.0), (1.5 * usual, 1.5)]
+        # A joint that is flung, or coasts, may be several times as fast as its motor drives it.
+        limits += [(torque * most, speed) for torque in (1.0, 4.0) for speed in (0.6, 0.4, 0.25, 0.15)]
+        return [{"stall": torque, "no_load_speed": speed * scale.top_speed} for torque, speed in limits]
 
     def is_plausible(self, scale: Scale) -> bool:
         # One that does not depend on the speed is a plain limit.

@@ -412,6 +412,15 @@ def test_a_dc_motor_at_standstill_gives_what_was_measured_at_the_current(current
     assert command == pytest.approx([math.copysign(np.interp(min(abs(current), 60.0), motor.current, motor.torque), current)])
 
 
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.3, 0.5, 0.7, 1.0])
+def test_back_emf_is_sought_wherever_a_joint_may_be_faster_than_its_motor_drives_it(share: float) -> None:
+    """Joints are flung by others: one was five times as fast as its motor's no-load speed, and no start was near."""
+    sizes = dict.fromkeys(("torque", "limit", "speed", "top_speed", "angle", "inertia", "mass", "length"), 1.0)
+    scale = Scale(**sizes, period=0.01, duration=5.0, gravity=(0, 0, -9.81))
+    ratios = [start["no_load_speed"] / (share * scale.top_speed) for start in BackEmfLimit.starts(scale) if start["stall"] >= scale.limit]
+    assert min(abs(math.log(ratio)) for ratio in ratios) < math.log(1.6)
+
+
 def test_a_dc_motor_runs_up_to_where_the_back_emf_takes_all_of_the_voltage(wheel: Path) -> None:
     motor = DcMotor("hinge", 0.5, 2.0, 100.0, (0.0, 1000.0), (0.0, 500.0))
     _, dq = spin(wheel, np.full(20000, 0.5 * 12.0 / 2.0), motor)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from mpge_bench.diagnosis.choose.score import idle, means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -21,8 +19,9 @@ def simplest(trials: Trials) -> Model:
     None that predicts worse in the simulator as it is exported than the simulator without it.
     """
     levels = trials.levels(trials.models)
-    best = trials.models[int(np.argmin(levels))]
-    equal = [one for one in trials.models if not trials.is_better(one, best)]
+    # What validation windows hardly show, as a limit that they do not reach, is told by the others.
+    best = [one for one, level in zip(trials.models, levels, strict=True) if level <= (1 + trials.settings.material) * min(levels)]
+    equal = [one for one in trials.models if not any(trials.is_better(one, other) for other in best)]
     equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
     chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)
     return plainer(trials, needed(trials, chosen))

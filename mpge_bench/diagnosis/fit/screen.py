@@ -76,6 +76,10 @@ class _Residual:
         parts = np.asarray((basis * self.values).sum(-1))
         return parts, np.tensordot(parts.sum(1), basis, 1)
 
+    def share_left(self, explained: Array) -> Array:
+        """What share of each window's sum of squares is left without what is `explained` of the values, shape (windows,)."""
+        return np.asarray(((self.values - explained) ** 2).sum(-1) / np.maximum((self.values**2).sum(-1), 1e-300))
+
 
 def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra: Sequence[Array] = (), *, draws: int | None = None) -> Screening:
     """Which candidates could explain what `model` leaves, and whether anything at all is there to be explained.
@@ -92,8 +96,6 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
     flips, exact = _signs(residual.values.shape[0], draws or fitter.settings.draws)
     gains = {}
     top, top_drawn, odds = 0.0, np.zeros(len(flips)), (0.0, 1)
-    before = (residual.values**2).sum(-1)
-    level = fitter.count * before / np.maximum(model.cost, 1e-12)
     options: list[Candidate | Array] = [*chosen, *extra]
     for candidate in options:
         columns = fitter.columns(candidate, model.effects) if isinstance(candidate, Candidate) else candidate
@@ -108,23 +110,22 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
         top = max(top, score)
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(parts)) / np.log(10))
         if isinstance(candidate, Candidate):
-            after = ((residual.values - explained) ** 2).sum(-1)
-            odds = max(odds, (_odds(fitter, before / level, after / level, len(parts)), len(parts)))
+            odds = max(odds, (_odds(fitter, model, residual.share_left(explained) * model.cost, len(parts)), len(parts)))
             gains[candidate] = gain / float((residual.values**2).sum())
             if candidate.kind.is_bent():
                 # What acts on few windows only, as a limit that is seldom reached, shows in these.
                 left = [((model.residuals - column) ** 2).sum(-1) for column in columns]
                 gains[candidate] = max(gains[candidate], 1 - min(fitter.chi_square(cost) for cost in left) / fitter.chi_square(model.cost))
                 size = len(parameters_of(candidate.starts[0]))
-                odds = max(odds, *((_odds(fitter, model.cost / fitter.count, cost / fitter.count, size), size) for cost in left))
+                odds = max(odds, *((_odds(fitter, model, cost, size), size) for cost in left))
     # The recordings' own signs are one of all patterns, and are counted beside drawn ones (Phipson and Smyth 2010).
     exceeding = int((top_drawn >= top * (1 - 1e-9)).sum()) + (not exact)
     return Screening(exceeding / (len(flips) + (not exact)), not exact and exceeding == 1, float(2.0 ** (1 - flips.shape[1])), gains, *odds)
 
 
-def _odds(fitter: LinearFitter, before: Array, after: Array, parameters: int) -> float:
-    """`log_odds`, less what so many parameters gain by chance."""
-    return log_odds(before, after, fitter.settings.pieces) - parameters
+def _odds(fitter: LinearFitter, model: Fit, cost: Array, parameters: int) -> float:
+    """`log_odds` for what leaves `cost` in each window against `model`, less what so many parameters gain by chance."""
+    return log_odds(model.cost / fitter.count, cost / fitter.count, fitter.settings.pieces) - parameters
 
 
 def _signs(windows: int, draws: int) -> tuple[Array, bool]:
