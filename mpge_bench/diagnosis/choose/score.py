@@ -79,6 +79,8 @@ def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> I
 def weighed(problem: Problem, predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect]) -> tuple[float, Sequence[Effect]]:
     """How much of a joint's torque, or of a reading's spread, `effect` changes beyond the plainer effects that it contains; of the joint of the most.
 
+    Of its motor's torque where the motor is all that it acts on: at the end of a long arm, which the others fling about, that is little of the joint's.
+
     Args:
         effects: of the model, `effect` among them.
 
@@ -91,7 +93,8 @@ def weighed(problem: Problem, predictor: WindowPredictor, effect: Effect, effect
         share = np.sqrt(np.mean(misread**2, (0, 1))) / np.maximum(np.std(predictor.state, (0, 1)), 1e-12)
     else:
         added, others = _beyond_plainer(predictor, effect, effects, others)
-        share = np.sqrt(np.mean(added**2, (0, 1))) / problem.torque
+        whole = problem.motor_torque if effect.needs_motor and not effect.swings else problem.torque
+        share = np.sqrt(np.mean(added**2, (0, 1))) / np.maximum(whole, 1e-300)
     return float(share.max()), others
 
 

@@ -19,7 +19,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
-from mpge_bench.diagnosis.predict.smooth import asked_torque, rebase
+from mpge_bench.diagnosis.predict.smooth import asked_torque, motor_torque, rebase
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, dealt, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
@@ -72,6 +72,11 @@ class Problem:
     def torque(self) -> Array:
         """That the joints work with, N m, shape (joints,)."""
         return asked_torque(self.linear)
+
+    @cached_property
+    def motor_torque(self) -> Array:
+        """That their motors deliver, N m, shape (joints,)."""
+        return motor_torque(self.linear)
 
     @cached_property
     def scales(self) -> dict[str, Scale]:

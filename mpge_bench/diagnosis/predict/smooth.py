@@ -66,7 +66,12 @@ def asked_torque(linear: LinearisedSimulator) -> Array:
     h = np.where(valid, motion.intervals(), 1.0)[..., None]
     change = motion.layout.minus(motion.following(), motion.state)
     inertial = (linear.inertia @ (motion.layout.ddx(change) / h)[..., None])[..., 0]
-    return np.asarray(np.maximum(np.sqrt(np.mean(linear.delivered[valid] ** 2, 0)), np.sqrt(np.mean(inertial[valid] ** 2, 0))))
+    return np.asarray(np.maximum(motor_torque(linear), np.sqrt(np.mean(inertial[valid] ** 2, 0))))
+
+
+def motor_torque(linear: LinearisedSimulator) -> Array:
+    """Root mean square of the torques that the motors deliver, shape (joints,)."""
+    return np.asarray(np.sqrt(np.mean(linear.delivered[linear.motion.valid(ahead=1)] ** 2, 0)))
 
 
 def _refine(linear: LinearisedSimulator, sigma: Array, stated: Array, effects: Sequence[Effect], most: Array) -> tuple[LinearisedSimulator, Array]:

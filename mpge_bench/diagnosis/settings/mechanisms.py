@@ -154,7 +154,7 @@ class ChooseSettings:
     doubtless: float = setting(5.0, "log odds", "150 to 1: few windows are enough that are explained whole, and so much more than noise")
     touched: float = setting(0.02, "share of a window's sum of squares", "by which it differs where two models predict it differently")
     few_touched: int = setting(3, "windows", "with no more than these touched, all windows are taken")
-    slight: float = setting(0.005, "share of the joint's torque", "what two simulators differ in is often mended by tiny stiffness, play or lag: no effect")
+    slight: float = setting(0.005, "share of a joint's or motor's torque", "what two simulators differ in is often mended by tiny stiffness or play: no effect")
     decisive: float = setting(1.5, "times", "an effect that is slight must lower what is missed by as much")
     beam: int = setting(3, "models", "are followed up in each round")
     most: int = setting(6, "effects", "of a model, at most")

@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.score import gain, is_better
+from mpge_bench.diagnosis.choose.score import gain, is_better, weighed
 from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import Armature, TorqueGain
+
+from ..conftest import posed
 
 WINDOWS = 40
 PROBLEM: Any = SimpleNamespace(settings=DEFAULT, validation=np.arange(WINDOWS) >= 30)
@@ -74,6 +78,16 @@ def test_none_is_better_because_it_leaves_itself_more_room() -> None:
     assert not is_better(PROBLEM, model(missed), model(missed / 4, tolerance=4.0))
     assert not is_better(PROBLEM, model(missed / 4, tolerance=4.0), model(missed))
     assert is_better(PROBLEM, model(8 * missed), model(missed, tolerance=4.0))
+
+
+def test_what_acts_on_a_motor_is_weighed_by_what_the_motor_delivers(rig: Rig) -> None:
+    """A motor 5% too strong at the end of an arm was nothing: the joints before it fling its link about with fifty times its torque."""
+    asked = posed(rig, seconds=2.0, noise=1e-4)
+    fitter = asked.fitter()
+    assert (asked.torque > 1.5 * asked.motor_torque).any()
+    for joint in rig.joints:
+        weak, rotor = TorqueGain(joint, 0.9), Armature(joint, 0.01)
+        assert weighed(asked, fitter.predictor, weak, [weak, rotor])[0] == pytest.approx(0.1, rel=0.2)
 
 
 def test_work_comes_back_in_its_order() -> None:
