@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from mpge_bench.diagnosis.data.motion import Motion, motion_of, resolution
 from mpge_bench.diagnosis.data.recording import Recording
@@ -106,9 +107,20 @@ def unsense(motion: Motion, effects: Sequence[Effect], rig: Rig) -> Array:
             for r, rows in enumerate(motion.rows):
                 time = motion.time[r, :rows]
                 for channel in (joint, layout.nq + joint):
-                    later = time + effect.looks_back
-                    result[r, :rows, channel] = np.where(later <= time[-1], np.interp(later, time, result[r, :rows, channel]), np.nan)
+                    result[r, :rows, channel] = _at(time + effect.looks_back, time, result[r, :rows, channel])
     return result
+
+
+def _at(later: Array, time: Array, values: Array) -> Array:
+    """What `values` at `time` were at moments between; NaN beyond their end, and beside what is NaN.
+
+    By cubics: straight lines between rows of 10 ms are off by a millimetre in a metre where motion turns within a few of them.
+    """
+    told = np.isfinite(values)
+    if told.sum() < 4:
+        return np.interp(later, time, values, right=np.nan)
+    smooth = CubicSpline(time[told], values[told])(later)
+    return np.asarray(np.where(np.isfinite(np.interp(later, time, values, right=np.nan)), smooth, np.nan))
 
 
 def _first_noise(linear: LinearisedSimulator) -> Array:

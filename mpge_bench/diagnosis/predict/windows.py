@@ -99,7 +99,7 @@ class WindowPredictor:
         at, before = windows.recording[:, None], rows[:, :-1]
         self.a, self.g = linear.a[at, before], linear.g[at, before]
         self.state, self.measured = motion.state[at, rows], motion.measured[at, rows]
-        usable = np.isfinite(self.measured) & np.isfinite(sigma) & (sigma < 1e6)
+        usable = np.isfinite(self.measured) & np.isfinite(sigma) & (sigma < 1e6) & self._after_looking_back()
         self._sharp = np.where(usable, 1 / sigma, 0.0)
         nothing = np.zeros((count, length, n))
         self._begin(flows(self.a), self.propagate(nothing, linear.halved[at, before]))
@@ -119,6 +119,19 @@ class WindowPredictor:
     @property
     def settings(self) -> PredictSettings:
         return self.linear.settings
+
+    def _after_looking_back(self) -> npt.NDArray[np.bool_]:
+        """Which readings sensors of the base have of the windows themselves, shape (windows, rows, 2 j).
+
+        What a late one reads at first was before: of that there is but the smoothed recording, which knows no corners between its rows.
+        """
+        found = np.ones(self.measured.shape, bool)
+        joints, period = self.linear.motion.joints, self.linear.motion.period
+        for effect in self.linear.base:
+            if effect.on == "sensor" and effect.looks_back:
+                channels = self.linear.rig.joints.index(effect.target) + joints * np.arange(2)
+                found[:, : math.ceil(effect.looks_back / period) + 1, channels] = False
+        return found
 
     def simulated(self, halved_error: Array, first: Array | None = None, flow: Array | None = None) -> WindowPredictor:
         """The same with what the simulator itself makes of half the physics step and, where motor sides have starting states, too, of changes of these.
