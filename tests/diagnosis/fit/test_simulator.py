@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
-from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Problem, problem
 from mpge_bench.diagnosis.fit.simulator import _refined, polished
 from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, ViscousFriction
+from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, SensorDelay, ViscousFriction
 from mpge_bench.envs.effects.vector import values_of
 
 from ..conftest import write_case
@@ -39,6 +40,31 @@ def test_the_damping_of_an_elastic_joint_comes_out_right(tmp_path: Path) -> None
     values = np.array([found.stiffness, found.damping, found.motor_inertia])
     np.testing.assert_allclose(values, [60.0, 0.06, 0.02], rtol=0.2)
     assert np.abs((values - [60.0, 0.06, 0.02]) / model.standard_errors).max() < 3
+
+
+def test_a_late_sensor_comes_out_right_under_commands_that_jump(rig: Rig) -> None:
+    """What it read before a window was known but from the smoothed recording, to twelve times the noise where the motor's torque jumped between two rows."""
+    late, step, held = 0.024, 0.001, 30
+    rng = np.random.default_rng(0)
+    recordings = []
+    for number in range(4):
+        commands = np.repeat(rng.uniform(-1.0, 1.0, (14, 2)), 10 * held, 0)
+        world = rig.world([], substeps=1)
+        world.set_state(rng.uniform(-0.5, 0.5, 2), rng.uniform(-1, 1, 2))
+        q, dq = world.roll(commands)
+        at = np.arange(10, len(q) // 10) * 10
+        # `roll` tells what is there after each step.
+        past = at - round(late / step) - 1
+        noise = rng.standard_normal((2, len(at), 2)) * [[[5e-4]], [[5e-3]]]
+        recordings.append(Recording(rig.path.parent / f"{number}.csv", at * step, commands[at], q[past] + noise[0], dq[past] + noise[1]))
+    both = (SensorDelay("shoulder", 0.02), SensorDelay("elbow", 0.02))
+    measured = measurements(rig, recordings)
+    posed = problem(measured, reference(rig, measured.recordings), 0.5)
+    for _ in range(3):
+        model, _ = polished(posed, both)
+        both = model.effects  # type: ignore[assignment]
+    assert [one.seconds for one in both] == pytest.approx([late, late], abs=2e-4)
+    assert model.overall < 1.2
 
 
 def test_starting_states_of_motors_are_unknowns(tmp_path: Path) -> None:
