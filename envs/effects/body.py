@@ -39,6 +39,10 @@ class MassScale(OfModel):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"factor": 1.1}]
 
+    def is_plausible(self, scale: Scale) -> bool:
+        # A link of next to no mass is what is left where all that a recording shows is in proportion to it: motor, friction and load may all be less then.
+        return self.factor > 0.1
+
 
 @dataclass(frozen=True)
 class InertiaScale(OfModel):

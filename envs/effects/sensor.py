@@ -63,6 +63,10 @@ class SensorScale(Effect):
         return [{"gain": 1.03}]
 
 
+#: Of sensors that are looked for, s: cameras and networks take a tenth of a second.
+_LATEST = 0.2
+
+
 @dataclass(frozen=True)
 class SensorDelay(Effect):
     """What is recorded of position and velocity is `seconds` old."""
@@ -103,4 +107,5 @@ class SensorDelay(Effect):
         return [{"seconds": seconds} for seconds in (0.004, 0.02)]
 
     def is_plausible(self, scale: Scale) -> bool:
-        return not scale.is_instant(self.seconds)
+        # One that is later reads little but what was known where predictions of half a second begin.
+        return not scale.is_instant(self.seconds) and self.seconds < _LATEST

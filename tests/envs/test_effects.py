@@ -971,6 +971,9 @@ def test_parameters_that_mean_nothing_are_known() -> None:
         Latency("x", 4e-4),
         Lag("x", 4e-4),
         SensorDelay("x", 4e-4),
+        # What answers for all where predictions reach half a second, or where all that shows is in proportion.
+        SensorDelay("x", 0.496),
+        MassScale("x", 0.051),
     ]
     assert not any(effect.is_plausible(scale) for effect in nothing)
 

@@ -128,9 +128,10 @@ class WindowPredictor:
         found = np.ones(self.measured.shape, bool)
         joints, period = self.linear.motion.joints, self.linear.motion.period
         for effect in self.linear.base:
-            if effect.on == "sensor" and effect.looks_back:
-                channels = self.linear.rig.joints.index(effect.target) + joints * np.arange(2)
-                found[:, : math.ceil(effect.looks_back / period) + 1, channels] = False
+            rows = math.ceil(effect.looks_back / period) + 1 if effect.on == "sensor" and effect.looks_back else 0
+            # One that read most of it before would have nothing to answer for.
+            if rows < self.settings.read_before * self.windows.length:
+                found[:, :rows, self.linear.rig.joints.index(effect.target) + joints * np.arange(2)] = False
         return found
 
     def simulated(self, halved_error: Array, first: Array | None = None, flow: Array | None = None) -> WindowPredictor:

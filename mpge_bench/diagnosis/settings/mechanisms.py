@@ -53,6 +53,7 @@ class PredictSettings:
 
     warm_up: float = setting(0.4, "s", "motor sides forget where they were within about this; lags and delays are driven for longer, as their parameters say")
     shortest_window: int = setting(5, "rows", "fewer are nothing but their starting state")
+    read_before: float = setting(0.2, "share of a window", "that late sensors read before it, and that is left out; of later ones nothing is")
     spare_windows: int = setting(3, "windows", "the start of a recording is only given up to warm-up where this much is left")
     disturbances: tuple[float, ...] = setting((0.002, 0.02, 0.2), "share of the asked torque", "sizes tried of the unknown torque in a row, by decades")
     difference: float = setting(1e-4, "rad, rad/s", "for derivatives of inverse dynamics: between rounding and curvature")

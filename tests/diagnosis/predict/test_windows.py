@@ -11,7 +11,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
-from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.predict.smooth import rebase, reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Delay, Effect, Lag, SensorDelay
@@ -44,6 +44,17 @@ def test_a_sensor_looks_back_as_far_as_it_is_late(rig: Rig) -> None:
     elbow, rows = rig.joints.index("elbow"), np.arange(100, 121)
     old = linear.motion.state[0, rows - round(0.3 / linear.motion.period), elbow]
     assert predictor.state[0, :, elbow] + late[0, :, elbow] == pytest.approx(old, abs=1e-6)
+
+
+@pytest.mark.parametrize(("seconds", "left_out"), [(0.0, 0), (0.015, 3), (0.3, 0)])
+def test_what_a_late_sensor_read_before_a_window_is_left_out_unless_that_is_most(rig: Rig, seconds: float, left_out: int) -> None:
+    """One half a second late had nothing to answer for, and so explained everything."""
+    late = [SensorDelay("elbow", seconds)]
+    linear = rebase(reference(rig, [record(rig, seconds=2.0)]), late, np.full(4, 1e-3))
+    weight = WindowPredictor(linear, Windows(np.array([0]), np.array([100]), 20), np.full(4, 1e-3)).weight
+    elbow = rig.joints.index("elbow")
+    for channel in range(4):
+        assert (weight[0, :, channel] == 0).sum() == (left_out if channel % 2 == elbow else 0)
 
 
 @pytest.mark.parametrize(("recordings", "chosen_by"), [(1, [0]), (2, [0, 1]), (3, [2]), (4, [3])])
