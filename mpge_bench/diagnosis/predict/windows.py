@@ -128,7 +128,9 @@ class WindowPredictor:
         found = np.ones(self.measured.shape, bool)
         joints, period = self.linear.motion.joints, self.linear.motion.period
         for effect in self.linear.base:
-            rows = math.ceil(effect.looks_back / period) + 1 if effect.on == "sensor" and effect.looks_back else 0
+            if effect.on != "sensor" or not effect.looks_back:
+                continue
+            rows = math.ceil(effect.looks_back / period) + 1
             # One that read most of it before would have nothing to answer for.
             if rows < self.settings.read_before * self.windows.length:
                 found[:, :rows, self.linear.rig.joints.index(effect.target) + joints * np.arange(2)] = False

@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import rebase, reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Delay, Effect, Lag, SensorDelay
+from mpge_bench.envs.effects import Delay, Effect, Gravity, Lag, SensorDelay
 
 from ..conftest import record
 
@@ -49,7 +49,7 @@ def test_a_sensor_looks_back_as_far_as_it_is_late(rig: Rig) -> None:
 @pytest.mark.parametrize(("seconds", "left_out"), [(0.0, 0), (0.015, 3), (0.3, 0)])
 def test_what_a_late_sensor_read_before_a_window_is_left_out_unless_that_is_most(rig: Rig, seconds: float, left_out: int) -> None:
     """One half a second late had nothing to answer for, and so explained everything."""
-    late = [SensorDelay("elbow", seconds)]
+    late = [Gravity("world", (0.0, 0.0, -9.7)), SensorDelay("elbow", seconds)]
     linear = rebase(reference(rig, [record(rig, seconds=2.0)]), late, np.full(4, 1e-3))
     weight = WindowPredictor(linear, Windows(np.array([0]), np.array([100]), 20), np.full(4, 1e-3)).weight
     elbow = rig.joints.index("elbow")
