@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses, sought
+from mpge_bench.diagnosis.choose.score import means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.data.rig import Rig
@@ -110,9 +111,14 @@ def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | Non
                 best.setdefault(key(move.effects), move)
         followed += list(best.values())[:most]
     points = trials.side_by_side(_STAGE, _fitted, shared, [move.effects for move in followed])
-    better = [one for one in points if one.cost < (1 - settings.coarse_material) * point.cost]
+    better = [one for one in points if one.cost < (1 - settings.coarse_material) * point.cost and _means_something(trials, one)]
     least = min((one.cost for one in better), default=0.0)
     return min((one for one in better if (1 - settings.coarse_material) * one.cost <= least), key=lambda one: one.plainness, default=None)
+
+
+def _means_something(trials: Trials, point: _Point) -> bool:
+    """Whether all effects do: a sensor that is half a second late tells half a second ahead what was known before."""
+    return all(means_something(trials.problem, effect) for effect in point.effects)
 
 
 def _moves(trials: Trials, misses: ExportedMisses, point: _Point) -> list[_Move]:
@@ -176,8 +182,9 @@ def _without_needless(trials: Trials, misses: ExportedMisses, point: _Point) -> 
     """`point` without effects that it does without materially as well, the most needless first."""
     while len(point.effects) > 1:
         fewer = [tuple(one for one in point.effects if one is not effect) for effect in point.effects]
-        best = min(trials.side_by_side(_STAGE, _fitted, (misses, trials.problem.settings), fewer), key=lambda one: one.cost)
-        if point.cost < (1 - trials.settings.coarse_material) * best.cost:
+        points = trials.side_by_side(_STAGE, _fitted, (misses, trials.problem.settings), fewer)
+        best = min((one for one in points if _means_something(trials, one)), key=lambda one: one.cost, default=None)
+        if best is None or point.cost < (1 - trials.settings.coarse_material) * best.cost:
             break
         point = best
     return point

@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Payload, TorqueGain
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Payload, SensorDelay, TorqueGain
 from mpge_bench.envs.effects.vector import parameters_of
 
 from ..conftest import posed
@@ -62,6 +62,19 @@ def test_near_the_noise_or_where_time_is_up_nothing_is_sought(asked: Problem) ->
     late = _trials(asked, clock=Clock(0.0, 0.0))
     assert by_recorded_states(late, late.nominal) is None
     assert list(late.cut) == [restarts._STAGE]
+
+
+def test_a_sensor_as_late_as_predictions_reach_is_no_step(asked: Problem) -> None:
+    """It tells half a second ahead what was known before, and explained a measured servo to the noise."""
+    trials = _trials(asked, "torque_gain", "coulomb_friction")
+    misses = ExportedMisses(asked, asked.recordings)
+    late = tuple(SensorDelay(joint, 0.499) for joint in asked.rig.joints)
+    known, hidden = misses.in_a_row(late), misses.in_a_row(())
+    assert known is not None
+    assert hidden is not None
+    assert known @ known < 0.1 * (hidden @ hidden)
+    assert not restarts._means_something(trials, restarts._Point(late, known, np.zeros((len(known), 2))))
+    assert restarts._means_something(trials, restarts._Point(HIDDEN, known, np.zeros((len(known), 2))))
 
 
 def test_stretches_are_left_out_evenly_and_not_judged(asked: Problem) -> None:
