@@ -38,7 +38,7 @@ def pairs(trials: Trials, model: Model, fitter: LinearFitter) -> list[Model]:
     settings = trials.settings
     options = [one for one in trials.candidates if one.label not in model.key and not any(one.is_within(effect) for effect in model.effects)]
     fits = trials.each(_fitted, (fitter, model.effects), promising(model, fitter, options)[: settings.pairs])
-    return trials.drafted(fitter, fits, settings.polished, new=2)
+    return trials.drafted(fitter, fits, settings.polished, old=len(model.effects))
 
 
 def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:

@@ -74,15 +74,15 @@ class _Move:
 def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
     """The model to which steps from `chosen` lead, where that is far from the noise; None where it predicts no better.
 
-    A little of everything on all joints is where fits end that cannot follow the motion: from there it begins anew, and what has a few effects and predicts
-    no worse is the better answer.
+    A little of everything on all joints is where fits end that cannot follow the motion: there it begins from the best model of a few effects, and where that
+    leads is the better answer if it predicts no worse.
     """
     settings = trials.settings
     if not trials.are_far([chosen]) or trials.cut_short(_STAGE):
         return None
     misses = ExportedMisses(trials.problem, trials.problem.recordings, most=settings.restarts)
     is_of_all = not settings.are_few(chosen.effects)
-    named = () if is_of_all else tuple(effect for effect in chosen.effects if effect.named)
+    named = tuple(effect for effect in (_best_of_few(trials) if is_of_all else chosen).effects if effect.named)
     if misses(named) is None:
         return None
     point = _fitted(misses, trials.problem.settings, named)
@@ -96,6 +96,11 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
     except np.linalg.LinAlgError:
         return None
     return found if trials.is_better(chosen, found) or (is_of_all and not trials.is_better(found, chosen)) else None
+
+
+def _best_of_few(trials: Trials) -> Model:
+    few = [one for one in trials.models if trials.settings.are_few(one.effects)]
+    return few[int(np.argmin(trials.levels(few)))]
 
 
 def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | None:

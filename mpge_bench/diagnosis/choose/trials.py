@@ -173,12 +173,13 @@ class Trials:
         """Of each step its effects and a candidate beside them, fitted in the linearised simulator."""
         return self.each(_grown, (fitter,), steps)
 
-    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int, new: int = 1) -> list[Model]:
-        """Those `fits` of the linearised simulator that come nearest, `most` of them, refined a little in the simulator.
+    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int, old: int = 0) -> list[Model]:
+        """Those `fits` of the linearised simulator without idle effects that come nearest, `most` of them, refined a little in the simulator.
 
-        None whose last effects, `new` of them, are idle; others may be so now that these have come.
+        Args:
+            old: so many of a fit's effects, the first ones, may be idle, now that the others have come.
         """
-        useful = [one for one in fits if not set(one.effects[-new:]) & set(idle(self.problem, fitter, one.effects))]
+        useful = [one for one in fits if not set(one.effects[old:]) & set(idle(self.problem, fitter, one.effects))]
         useful.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
         return [self.fitted(draft) for draft in self.each(drafted, (fitter,), useful[:most])]
 
