@@ -145,7 +145,7 @@ class LinearFitter:
         without = np.linalg.solve(gram - own, np.einsum("awk,wk->wa", unknown, residuals)[..., None])[:, : len(told), 0]
         systematic = np.einsum("awk,bwk->ab", unknown, held)
         covariance = without.T @ without + inverse @ (systematic @ systematic.T + prior) @ inverse.T
-        errors = np.sqrt(np.einsum("pd,de,pe->p", found.basis, covariance, found.basis))
+        errors = np.sqrt(np.maximum(np.einsum("pd,de,pe->p", found.basis, covariance, found.basis), 0.0))
         errors[[index for group in found.groups() for index in group]] = np.inf
         return np.asarray(errors)
 
