@@ -78,7 +78,10 @@ def kill_and_resume(out: Path, seeds: int, kills: int, draw: random.Random) -> t
             time.sleep(draw.uniform(0.0, PAUSE))
             at_work = workers(sweep.pid)
             parent = draw.random() < 0.5 or not at_work
-            os.kill(sweep.pid if parent else draw.choice(at_work), 9)
+            try:
+                os.kill(sweep.pid if parent else draw.choice(at_work), 9)
+            except ProcessLookupError:  # it has just ended
+                continue
             if parent:
                 sweep.wait()
             seen = results(out) | seen
