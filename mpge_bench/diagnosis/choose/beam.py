@@ -63,8 +63,8 @@ def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam
             drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
     grown = _polished(trials, drafts, depth, [together] if together else [])
     if depth == 0 or not grown or trials.is_better(beam[0][0], grown[0][0]):
-        # There is something, so that what no effect does alone two may do together.
         return grown
+    # There is something, so that what no effect does alone two may do together.
     drafts = [] if trials.cut_short("combining effects") else _ordered(pairs(trials, *beam[0]))
     grown = _polished(trials, drafts, depth, []) if drafts else []
     return grown if grown and trials.is_better(beam[0][0], grown[0][0]) else []
@@ -95,8 +95,7 @@ def _ordered(drafts: list[Model]) -> list[Model]:
 def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screening, tried: int) -> list[Model]:
     """Models of one more effect than `model`, fitted roughly: of the `tried` candidates that promise most, the better half."""
     problem = trials.problem
-    ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.label not in model.key]
-    ranked = [one for one in ranked if not any(one.is_within(effect) for effect in model.effects)][:tried]
+    ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.adds_to(model.effects)][:tried]
     contained = [[effect for effect in model.effects if one.contains(effect)] for one in ranked]
     rest = [[effect for effect in model.effects if effect not in within] for within in contained]
     steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]

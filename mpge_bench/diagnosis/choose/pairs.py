@@ -36,7 +36,7 @@ class _Atom:
 def pairs(trials: Trials, model: Model, fitter: LinearFitter) -> list[Model]:
     """The most promising pairs of candidates beside the effects of `model`, roughly fitted, in no order."""
     settings = trials.settings
-    options = [one for one in trials.candidates if one.label not in model.key and not any(one.is_within(effect) for effect in model.effects)]
+    options = [one for one in trials.candidates if one.adds_to(model.effects)]
     fits = trials.each(_fitted, (fitter, model.effects), promising(model, fitter, options)[: settings.pairs])
     return trials.drafted(fitter, fits, settings.polished, old=len(model.effects))
 

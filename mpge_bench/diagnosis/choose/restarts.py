@@ -99,6 +99,7 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
 
 
 def _best_of_few(trials: Trials) -> Model:
+    """Of the models of a few effects, that of no effects among them, the nearest."""
     few = [one for one in trials.models if trials.settings.are_few(one.effects)]
     return few[int(np.argmin(trials.levels(few)))]
 

@@ -48,9 +48,10 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere, and windows differ too much for two standard errors.
     near = rich.overall < settings.coarse
     least, errors = (settings.material, settings.errors) if near else (settings.coarse_material, settings.coarse_errors)
-    told = gain(simple, rich, held)[0] if (apart & held).any() else np.inf
+    touched = int((apart & held).sum())
+    told = gain(simple, rich, held)[0] if touched else np.inf
     # Of the few validation windows that are touched a material share is a small one of all.
-    if gain(simple, rich, every)[0] <= least or told <= (least if (apart & held).sum() > settings.few_touched else 0.0):
+    if gain(simple, rich, every)[0] <= least or told <= (least if touched > settings.few_touched else 0.0):
         return False
     return share > errors * error or (near and log_odds(*missed, problem.settings.fit.pieces) > settings.doubtless + rich.parameters - simple.parameters)
 

@@ -19,8 +19,9 @@ def simplest(trials: Trials) -> Model:
     None that predicts worse in the simulator as it is exported than the simulator without it.
     """
     levels = trials.levels(trials.models)
+    near = (1 + trials.settings.material) * min(levels)
     # What validation windows hardly show, as a limit that they do not reach, is told by the others.
-    best = [one for one, level in zip(trials.models, levels, strict=True) if level <= (1 + trials.settings.material) * min(levels)]
+    best = [one for one, level in zip(trials.models, levels, strict=True) if level <= near]
     equal = [one for one in trials.models if not any(trials.is_better(one, other) for other in best)]
     equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
     chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)

@@ -179,7 +179,7 @@ class Trials:
         Args:
             old: so many of a fit's effects, the first ones, may be idle, now that the others have come.
         """
-        useful = [one for one in fits if not set(one.effects[old:]) & set(idle(self.problem, fitter, one.effects))]
+        useful = [one for one in fits if not any(effect in one.effects[old:] for effect in idle(self.problem, fitter, one.effects))]
         useful.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
         return [self.fitted(draft) for draft in self.each(drafted, (fitter,), useful[:most])]
 

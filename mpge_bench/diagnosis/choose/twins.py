@@ -31,18 +31,18 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class Twin:
-    """The chosen model with another effect in the place of one of its own.
+    """The chosen model with another effect in the place of one of its own, or of several.
 
     Attributes:
         effects: of the whole model, the other effect last and at one of its starts.
-        replaced: the effect that it stands for.
+        replaced: the effects that it stands for.
         distance: between the two models' predictions at the other's best parameters, standard deviations of what the chosen one leaves.
-        change: by which the replaced effect moves the prediction, in the same units.
+        change: by which the replaced effects move the prediction, in the same units.
         at_least: whether they may be farther apart: what came so near is a sum of what the other effect does with several values of its parameters.
     """
 
     effects: tuple[Effect, ...]
-    replaced: Effect
+    replaced: tuple[Effect, ...]
     distance: float
     change: float
     at_least: bool = False
@@ -73,7 +73,7 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
             return twin
         model = trials.add(trials.converged(*pairs[0])[0])
     distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
-    seen = [twin, *(one for one in _by_columns(trials, model, only=label([twin.replaced])) if key(one.effects) == chosen.key)]
+    seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
     return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
 
 
@@ -88,20 +88,8 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
         # All candidates, whatever was fitted; of a model of all joints that may take minutes.
         if not trials.problem.settings.choose.are_few(named) and trials.cut_short("telling twins apart"):
             break
-        for one in columns.in_place_of([effect], only):
-            found.append(Twin((*one.others, one.start), effect, one.distance, one.change, one.is_sum))
+        found += columns.in_place_of((effect,), only)
     return found
-
-
-@dataclass(frozen=True)
-class _StandIn:
-    """An effect in the place of some of the chosen model's: beside the `others`, at its `start`; the rest as of a `Twin`."""
-
-    others: tuple[Effect, ...]
-    start: Effect
-    distance: float
-    change: float
-    is_sum: bool
 
 
 class _Columns:
@@ -115,7 +103,7 @@ class _Columns:
         #: Standard deviations of what the chosen model leaves.
         self._scale = max(1.0, chosen.train) ** 0.5
 
-    def in_place_of(self, replaced: Sequence[Effect], only: str | None = None) -> Iterator[_StandIn]:
+    def in_place_of(self, replaced: tuple[Effect, ...], only: str | None = None) -> Iterator[Twin]:
         """Each candidate, or the one whose label is given, in the place of all the effects `replaced`."""
         chosen, fitter = self._chosen, self._fitter
         others = tuple(other for other in chosen.effects if not any(other is effect for effect in replaced))
@@ -139,7 +127,7 @@ class _Columns:
             best = int(np.argmin(distances))
             start = candidate.starts[best]
             is_sum = len(options[best]) > len(parameters_of(start))
-            yield _StandIn(others, start, distances[best] / self._scale, float(np.linalg.norm(own)) / self._scale, is_sum)
+            yield Twin((*others, start), replaced, distances[best] / self._scale, float(np.linalg.norm(own)) / self._scale, is_sum)
 
     def _flat(self, columns: Array) -> Array:
         return np.pad(columns.reshape(-1, self._chosen.fit.residuals.size), ((0, 0), (0, len(self._nuisances))))
@@ -147,15 +135,9 @@ class _Columns:
 
 def plainest(trials: Trials, chosen: Model) -> Model:
     """Of `chosen` and the models that these recordings cannot tell from it, the plainest that predicts as well."""
-    settings = trials.settings
-    near = [one for one in twins(trials, chosen) if one.distance < settings.apart and plainness(one.effects[-1]) < plainness(one.replaced)]
-    for twin in sorted(near, key=lambda one: plainness(one.effects[-1]))[: settings.twins]:
-        if trials.cut_short("the plainest of equals"):
-            break
-        model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
-        if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal):
-            return model
-    return chosen
+    apart = trials.settings.apart
+    near = [one for one in twins(trials, chosen) if one.distance < apart and plainness(one.effects[-1]) < min(map(plainness, one.replaced))]
+    return _first_as_good(trials, chosen, sorted(near, key=lambda one: plainness(one.effects[-1])), "the plainest of equals") or chosen
 
 
 def merged(trials: Trials, chosen: Model) -> Model:
@@ -163,22 +145,28 @@ def merged(trials: Trials, chosen: Model) -> Model:
 
     Two centres of mass may stand for one heavier link, if that was far from its best when they were taken up.
     """
-    settings, named = trials.settings, [one for one in chosen.effects if one.named]
+    settings, named, stage = trials.settings, [one for one in chosen.effects if one.named], "one effect in the place of two"
     if len(named) < 2 or not settings.are_few(chosen.effects) or trials.are_far([chosen]):
         return chosen
-    columns, found = _Columns(trials, chosen), []
+    columns, near = _Columns(trials, chosen), []
     for pair in itertools.combinations(named, 2):
-        if trials.cut_short("one effect in the place of two"):
+        if trials.cut_short(stage):
             break
         fewer = sum(len(parameters_of(effect)) for effect in pair)
-        found += [one for one in columns.in_place_of(pair) if len(parameters_of(one.start)) < fewer and one.distance < settings.alike * one.change]
-    for one in sorted(found, key=lambda one: one.distance)[: settings.twins]:
-        if trials.cut_short("one effect in the place of two"):
+        near += [one for one in columns.in_place_of(pair) if len(parameters_of(one.effects[-1])) < fewer and one.distance < settings.alike * one.change]
+    found = _first_as_good(trials, chosen, sorted(near, key=lambda one: one.distance), stage)
+    return merged(trials, found) if found else chosen
+
+
+def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: str) -> Model | None:
+    """Of the first of the models `near` that are fitted the first that predicts as well as `chosen`."""
+    for twin in near[: trials.settings.twins]:
+        if trials.cut_short(stage):
             break
-        model = trials.add(trials.converged(*trials.polished([[*one.others, one.start]])[0])[0])
+        model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
         if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal):
-            return merged(trials, model)
-    return chosen
+            return model
+    return None
 
 
 def plainness(effect: Effect) -> Plainness:

@@ -54,16 +54,17 @@ class _Residual:
         weight = 1 / np.sqrt(np.mean(residual**2, axis=1, keepdims=True) + 1e-12)
         self._weight = np.minimum(weight / np.median(weight), 1.0)
         self.values = residual * self._weight
+        self._power = (self.values**2).sum(-1)
         # What other values of the model's parameters, or nuisances, could explain is nobody else's gain.
         taken = (np.concatenate((fitter.free, model.jacobian)) * self._weight).reshape(-1, residual.size)
         length = np.sqrt((taken**2).sum(1, keepdims=True))
         self._taken = np.linalg.qr((taken / np.where(length > 0, length, 1.0)).T)[0]
 
     def along(self, columns: Array) -> tuple[Array, Array] | None:
-        """The residual's parts along the directions that `columns` (columns, windows, rows * channels) span beyond what is taken.
+        """The directions that `columns` (columns, windows, rows * channels) span beyond what is taken, and the residual's parts along them.
 
         Returns:
-            Shape (directions, windows), and what of the residual they explain, shape (windows, rows * channels); None where there are no such directions.
+            Shapes (directions, windows, rows * channels) and (directions, windows); None where there are no such directions.
         """
         every = (columns * self._weight).reshape(len(columns), -1)
         every = every - (every @ self._taken) @ self._taken.T
@@ -71,14 +72,13 @@ class _Residual:
         alive = size > 1e-6
         if not alive.any():
             return None
-        basis = spanned(every[alive] / size[alive, None])
-        basis = basis.reshape(len(basis), *self.values.shape)
-        parts = np.asarray((basis * self.values).sum(-1))
-        return parts, np.tensordot(parts.sum(1), basis, 1)
+        basis = spanned(every[alive] / size[alive, None]).reshape(-1, *self.values.shape)
+        return basis, (basis * self.values).sum(-1)
 
-    def share_left(self, explained: Array) -> Array:
-        """What share of each window's sum of squares is left without what is `explained` of the values, shape (windows,)."""
-        return np.asarray(((self.values - explained) ** 2).sum(-1) / np.maximum((self.values**2).sum(-1), 1e-300))
+    def share_left(self, basis: Array, parts: Array) -> Array:
+        """What share of each window's sum of squares is left without its `parts` along the directions of `basis`, shape (windows,)."""
+        left = self.values - np.tensordot(parts.sum(1), basis, 1)
+        return np.asarray((left**2).sum(-1) / np.maximum(self._power, 1e-300))
 
 
 def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra: Sequence[Array] = (), *, draws: int | None = None) -> Screening:
@@ -102,7 +102,7 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
         found = residual.along(columns)
         if found is None:
             continue
-        parts, explained = found
+        basis, parts = found
         gain = float((parts.sum(1) ** 2).sum())
         drawn = ((flips @ parts.T) ** 2).sum(1)
         spread = float(drawn.mean()) / len(parts) if drawn.mean() > 0 else residual.noise
@@ -110,7 +110,7 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
         top = max(top, score)
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(parts)) / np.log(10))
         if isinstance(candidate, Candidate):
-            odds = max(odds, (_odds(fitter, model, residual.share_left(explained) * model.cost, len(parts)), len(parts)))
+            odds = max(odds, (_odds(fitter, model, residual.share_left(basis, parts) * model.cost, len(parts)), len(parts)))
             gains[candidate] = gain / float((residual.values**2).sum())
             if candidate.kind.is_bent():
                 # What acts on few windows only, as a limit that is seldom reached, shows in these.

@@ -72,6 +72,10 @@ class Candidate:
         """Whether `effect` is a richer form of it."""
         return self.name in effect.contains and self.target == effect.target
 
+    def adds_to(self, effects: Sequence[Effect]) -> bool:
+        """Whether it is none of `effects`, nor within one of them."""
+        return self.label not in key(effects) and not any(self.is_within(effect) for effect in effects)
+
 
 def candidates(rig: Rig, scales: Mapping[str, Scale], *, formulas: bool = False) -> list[Candidate]:
     """Every effect of the catalogue that is searched for, on everything in `rig` that it could act on; or every law that is said as a formula."""
