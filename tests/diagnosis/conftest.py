@@ -133,7 +133,8 @@ def write_case(
         rows = []
         for row in range(round(seconds / PERIOD)):
             u = gain * sum(a * np.sin(2 * np.pi * f * row * PERIOD + phase) for a, f, phase in parts)
-            rows.append([row * PERIOD, u, world.q[0] + noise * rng.standard_normal(), world.dq[0] + 10 * noise * rng.standard_normal()])
+            (q,), (dq,) = world.read()
+            rows.append([row * PERIOD, u, q + noise * rng.standard_normal(), dq + 10 * noise * rng.standard_normal()])
             world.step([u])
         columns = ["time", "u_hinge", "q_hinge", "dq_hinge"][: 4 if velocities else 3]
         np.savetxt(folder / f"train_{number}.csv", np.array(rows)[:, : len(columns)], delimiter=",", header=",".join(columns), comments="")

@@ -7,6 +7,7 @@ to fit.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.told import spanned, unit_length
 from mpge_bench.diagnosis.hypotheses.candidates import key, label
+from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
@@ -56,9 +58,19 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
     """
     settings = trials.problem.settings.choose
     found = _by_columns(trials, chosen)
-    unsure = [one for one in found if (one.at_least or settings.apart <= one.distance) and one.distance < settings.alike * one.change]
-    told = {one: _fitted(trials, chosen, one) for one in sorted(unsure, key=lambda one: one.distance)[: settings.twins]}
+    unsure = [one for one in found if (one.at_least or settings.apart <= one.distance) and one.distance < _room(one, settings) * one.change]
+    # Those that are known to look alike first, of each effect as many.
+    unsure.sort(key=lambda one: (label(one.replaced), -_room(one, settings), one.distance))
+    of_each = [list(group)[: settings.twins] for _, group in itertools.groupby(unsure, lambda one: label(one.replaced))]
+    told = {one: _fitted(trials, chosen, one) for one in itertools.chain(*of_each)}
     return tuple(sorted((told.get(one, one) for one in found), key=lambda one: one.distance))
+
+
+def _room(twin: Twin, settings: ChooseSettings) -> float:
+    """Share of what the replaced effects change by which the linearised simulator may tell a `twin` apart that is one."""
+    other = twin.effects[-1]
+    look_alike = any(one.name in other.told_apart or other.name in one.told_apart for one in twin.replaced)
+    return settings.known_alike if look_alike else settings.alike
 
 
 def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
@@ -72,9 +84,30 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
         if not pairs:
             return twin
         model = trials.add(trials.converged(*pairs[0])[0])
-    distance = float(np.linalg.norm(model.fit.residuals - chosen.fit.residuals)) / max(1.0, chosen.train) ** 0.5
+    judge = trials.problem.fitter(chosen.effects).predictor
+    # Nothing is told by less than a part of what the simulator's own step leaves open: a motor's delay ends within a step, a sensor's is read between two.
+    open_to_doubt = trials.settings.step_doubt * float(np.linalg.norm(judge.project(judge.halved_error)))
+    distance = max(0.0, _between(trials, chosen, model) ** 2 - open_to_doubt**2) ** 0.5 / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
     return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
+
+
+def _between(trials: Trials, chosen: Model, other: Model) -> float:
+    """How far two models' predictions are apart, standard deviations of the noise.
+
+    Of a late sensor the first readings in each window are not judged: where that leaves one model fewer, both are held against each other by these, from
+    starting states and parameters that suit both best.
+    """
+    problem, models = trials.problem, (chosen, other)
+    judges = [problem.fitter(one.effects).predictor for one in models]
+    read = [judge.weight > 0 for judge in judges]
+    if (read[0] == read[1]).all():
+        return float(np.linalg.norm(other.fit.residuals - chosen.fit.residuals))
+    fewer = int(read[1].sum() < read[0].sum())
+    ahead = [problem.predictions(judge.linear, model.effects, judge.first) for judge, model in zip(judges, models, strict=True)]
+    if ahead[0] is None or ahead[1] is None:
+        return math.inf
+    return _Columns(trials, models[fewer]).beyond(judges[fewer].project(ahead[1] - ahead[0]))
 
 
 def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> list[Twin]:
@@ -128,6 +161,11 @@ class _Columns:
             start = candidate.starts[best]
             is_sum = len(options[best]) > len(parameters_of(start))
             yield Twin((*others, start), replaced, distances[best] / self._scale, float(np.linalg.norm(own)) / self._scale, is_sum)
+
+    def beyond(self, difference: Array) -> float:
+        """Length of what of a `difference` between predictions neither the model's parameters nor nuisances make up."""
+        (wanted,) = self._flat(difference)
+        return remainder(wanted, np.concatenate((self._flat(self._chosen.fit.jacobian), self._nuisances)))
 
     def _flat(self, columns: Array) -> Array:
         return np.pad(columns.reshape(-1, self._chosen.fit.residuals.size), ((0, 0), (0, len(self._nuisances))))

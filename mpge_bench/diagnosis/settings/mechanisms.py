@@ -175,6 +175,8 @@ class ChooseSettings:
     settlings: int = setting(8, "fits", "of the answer about its own fit, at most")
     apart: float = setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
     alike: float = setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")
+    known_alike: float = setting(0.5, "share of what the effect changes", "the same, of two that are known to look alike (`told_apart`)")
+    step_doubt: float = setting(0.25, "share", "of what half the physics step changes by which two fitted models have to differ to be two")
     twins: int = setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")
     restarts: int = setting(40, "stretches", "of the recordings, spread over them, by which effects are sought from recorded states")
     restart_looks: tuple[int, int] = setting((8, 3), "candidates", "that promise most beside all effects, or instead of each, are predicted with")

@@ -25,7 +25,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
-from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Delay, Gravity, InertiaScale, Lag, MassScale, Payload, SensorBias, TorqueGain
+from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Delay, Gravity, InertiaScale, Lag, MassScale, Payload, SensorBias, SensorDelay, TorqueGain
 
 from ..conftest import Made, posed, record, write_case
 
@@ -138,6 +138,15 @@ def test_what_the_linearised_simulator_is_unsure_of_is_fitted(tmp_path: Path) ->
     assert found.data["effects"][0]["confidence"] <= 0.5
 
 
+def test_a_late_sensor_of_the_only_joint_is_a_late_motor(tmp_path: Path) -> None:
+    """But for readings that are left out of one of the two, and for what a delay's end within a physics step makes."""
+    rig = read_rig(write_case(tmp_path, [SensorDelay("hinge", 0.0245)]))
+    found = diagnose(rig, read_recordings(sorted(tmp_path.glob("train_*.csv")), rig))
+    (chosen,) = found.effects
+    alike = {chosen.name, *(label.split(":")[0] for pair in found.data["indistinguishable"] for label in pair)}
+    assert alike == {"delay", "sensor_delay"}
+
+
 def test_what_is_one_as_seen_from_either_side_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Seen from a tilted base an offset sensor is 2% off, and two fits to the end stop four standard deviations apart; seen from the sensor they are one."""
     gravity, sensor = Gravity("world", (1.0, 0.0, -9.7)), SensorBias("hinge", 0.1)
@@ -146,6 +155,8 @@ def test_what_is_one_as_seen_from_either_side_is_one(monkeypatch: pytest.MonkeyP
         one.effects, one.key = one.fit.effects, key(one.fit.effects)
     seen = {chosen.key: [Twin((sensor,), (gravity,), 66.0, 3000.0)], rival.key: [Twin((gravity,), (sensor,), 0.4, 3000.0)]}
     monkeypatch.setattr(twins_module, "_by_columns", lambda trials, model, *, only=None: seen[model.key])
-    trials: Any = SimpleNamespace(problem=SimpleNamespace(settings=DEFAULT), known=lambda: {rival.key: rival})
+    judge = SimpleNamespace(predictor=SimpleNamespace(weight=np.ones((4, 4)), halved_error=np.zeros((4, 4)), project=lambda error: error))
+    problem = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: judge)
+    trials: Any = SimpleNamespace(problem=problem, settings=DEFAULT.choose, known=lambda: {rival.key: rival})
     (found,) = twins(trials, chosen)  # type: ignore[arg-type]
     assert found.distance == pytest.approx(0.4)
