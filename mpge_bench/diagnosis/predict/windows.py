@@ -121,13 +121,13 @@ class WindowPredictor:
         return self.linear.settings
 
     def _after_looking_back(self) -> npt.NDArray[np.bool_]:
-        """Which readings sensors of the base have of the windows themselves, shape (windows, rows, 2 j).
+        """Which readings the sensors under the base's effects have of the windows themselves, shape (windows, rows, 2 j).
 
         What a late one reads at first was before: of that there is but the smoothed recording, which knows no corners between its rows.
         """
         found = np.ones(self.measured.shape, bool)
         joints, period = self.linear.motion.joints, self.linear.motion.period
-        for effect in self.linear.base:
+        for effect in self.linear.rig.chain(self.linear.base):
             if effect.on != "sensor" or not effect.looks_back:
                 continue
             rows = math.ceil(effect.looks_back / period) + 1

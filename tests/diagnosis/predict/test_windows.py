@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -55,6 +56,12 @@ def test_what_a_late_sensor_read_before_a_window_is_left_out_unless_that_is_most
     elbow = rig.joints.index("elbow")
     for channel in range(4):
         assert (weight[0, :, channel] == 0).sum() == (left_out if channel % 2 == elbow else 0)
+
+
+def test_a_late_sensor_of_the_rig_itself_looks_back_too(rig: Rig) -> None:
+    rig = replace(rig, nominal=(SensorDelay("elbow", 0.015),))
+    weight = WindowPredictor(reference(rig, [record(rig, seconds=2.0)]), Windows(np.array([0]), np.array([100]), 20), np.full(4, 1e-3)).weight
+    assert (weight[0, :, rig.joints.index("elbow")] == 0).sum() == 3
 
 
 @pytest.mark.parametrize(("recordings", "chosen_by"), [(1, [0]), (2, [0, 1]), (3, [2]), (4, [3])])
