@@ -35,6 +35,8 @@ FORMULAS = {
 }
 #: A case passes where effects and places are right or listed, no parameter is further off, and errors are at most so many times those of the true effects.
 CLOSE, NEAR = 0.05, 1.15
+#: Times the true effects' error on unseen recordings up to which another answer of no more effects is as good: no recording tells it from the true one.
+AS_GOOD = 1.02
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,8 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
 
     Returns:
         case, group, truth, found, remark, p_value, complete, seconds; `right`: effects and places exactly so; `credit`: 1 for that, 1/n where it is one of n
-        answers that are said to be equals; alarm, false_name and formula (None where it is not asked); parameter_error, the largest relative one; inside
+        answers that are said to be equals; as_good, whether another answer of no more effects predicts as well as the true ones (None where the truth is
+        named or listed, or has no error); alarm, false_name and formula (None where it is not asked); parameter_error, the largest relative one; inside
         and numbers, of 95% intervals; off, standard deviations by which each number is off by its interval; confidences, each with whether the effect is
         there; error, nothing and true: root mean square of positions, .5 s ahead (.1 s where nothing holds the base; its place in m and orientation in rad
         among them), on recordings that nobody has looked at, and the same of comparators that
@@ -159,6 +162,7 @@ def score(case: Truth, out: Path) -> dict[str, Any]:
         row |= _judged(case, answer, found)
         row |= numbers(case, answer) if row["right"] and not case.is_outside else {"off": []}
         row |= _errors(case, answer)
+    row["as_good"] = len(found) <= len(case.effects) and row["error"] <= AS_GOOD * row["true"] if row["true"] and not row["credit"] else None
     predicts = row["error"] <= (row["true"] * NEAR if row["true"] else row["nothing"])
     row["passed"] = bool(row["credit"] > 0 and (row.get("parameter_error") or 0.0) <= CLOSE and predicts)
     return row

@@ -44,6 +44,8 @@ def lines(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str]]:
             yield f"{group}: effects and places right", _share([row["right"] for row in some])
             yield f"{group}: right, or listed among its equals", _share([row["credit"] > 0 for row in some])
             yield f"{group}: the same, answers of several equals counted in parts", f"{np.mean([row['credit'] for row in some]):.0%}"
+            if others := [row["as_good"] for row in some if row.get("as_good") is not None]:
+                yield f"{group}: of the others, as few effects that predict unseen recordings as well", _share(others)
     right = [row for row in rows if row.get("parameter_error") is not None]
     if right:
         yield "largest error of a parameter, where effects are right", f"{np.median([row['parameter_error'] for row in right]):.1%} (median of {len(right)})"

@@ -189,6 +189,28 @@ def test_score_counts_what_is_said_against_what_is_hidden(
     assert "concealed make" in refused("concealed", "score", tmp_path / "empty")
 
 
+@pytest.mark.parametrize(
+    ("named", "error", "as_good"),
+    [
+        ([("air_drag", "elbow")], 1.5, None),  # it is there
+        ([("gravity", "world")], 1.01, True),
+        ([("gravity", "world")], 1.5, False),
+        ([("gravity", "world"), ("delay", "elbow")], 1.0, False),  # one more than there are
+    ],
+)
+def test_another_answer_may_be_as_good(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: list[tuple[str, str]], error: float, as_good: bool | None
+) -> None:
+    monkeypatch.setattr("mpge_bench.concealed.score._errors", lambda case, answer: {"error": error, "nothing": 9.0, "true": 1.0})
+    hidden = case(tmp_path, {"effect": "air_drag", "target": "elbow", "catalogued": True, "value": {"quadratic": 0.01}})
+    said = [Named(effect, target, {"quadratic": (0.01, 0.009, 0.011)}) for effect, target in named]
+    (tmp_path / "answer.json").write_text(Answer(True, said).to_json()[:-1] + ', "seconds": 2.0}')
+    row = score(hidden, tmp_path)
+    assert row["as_good"] is as_good
+    told = [text for text, _ in lines([row]) if "predict unseen recordings as well" in text]
+    assert len(told) == (as_good is not None)
+
+
 def case(tmp_path: Path, *effects: dict[str, object]) -> Truth:
     (tmp_path / "kept").mkdir(exist_ok=True)
     (tmp_path / "kept" / "label.yaml").write_text(yaml.safe_dump({"effects": list(effects)}))
