@@ -112,6 +112,7 @@ class WindowPredictor:
         self._intervals = motion.intervals()[at, before]
         #: By the rows of warm-up: one without, one with the usual one, and perhaps longer ones.
         self._stretches: Memory[int, list[Array]] = Memory(4)
+        self._moments: Memory[int, Array] = Memory(4)
         #: By joint and the effects on it: most models that are compared differ at one joint only. The second as dry friction turns round early.
         self._driven: Memory[tuple[int, tuple[Effect, ...]], tuple[Array, Array]] = Memory(64)
         self._sliding: Memory[tuple[int, int, bool], Array] = Memory(64)
@@ -244,9 +245,12 @@ class WindowPredictor:
 
     def _times(self, warm: int) -> Array:
         """Of physics steps, `warm` rows before the windows and in them, since each recording began, s, shape (windows, physics steps)."""
-        motion = self.linear.motion
-        at, rows = self.windows.recording[:, None], self.windows.start[:, None] + np.arange(-warm, self.windows.length)
-        return np.asarray(motion.fine_time()[at, np.maximum(rows, 0)].reshape(len(rows), -1))
+
+        def made() -> Array:
+            at, rows = self.windows.recording[:, None], self.windows.start[:, None] + np.arange(-warm, self.windows.length)
+            return np.asarray(self.linear.motion.fine_time()[at, np.maximum(rows, 0)].reshape(len(rows), -1))
+
+        return self._moments.get(warm, made)
 
     def _slides(self, joint: int, warm: int, early: bool) -> Array:
         """Which way a joint slides, as `sliding` has it, `warm` rows before the windows and in them."""
