@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.choose.score import gain
 from mpge_bench.diagnosis.choose.simplest import needed
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
@@ -26,10 +27,17 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
         if trials.is_clean(chosen) or trials.cut_short("formulas"):
             break
         rich = _richer(trials, chosen)
-        if rich is None or not (is_told(rich) and trials.is_better(chosen, rich, materially=True) and trials.no_worse(rich, chosen)):
+        if rich is None or not (is_told(rich) and _is_much_better(trials, chosen, rich) and trials.no_worse(rich, chosen)):
             break
         chosen = needed(trials, rich)
     return chosen
+
+
+def _is_much_better(trials: Trials, chosen: Model, rich: Model) -> bool:
+    """Whether `rich` predicts validation windows much better; or no worse, where these hardly show it, and leaves nothing of much elsewhere."""
+    every = np.ones_like(trials.problem.validation)
+    leaves_nothing = trials.is_clean(rich) and gain(chosen, rich, every)[0] > trials.settings.wholly
+    return trials.is_better(chosen, rich, materially=not leaves_nothing)
 
 
 def lone_formula(trials: Trials) -> Model | None:

@@ -149,6 +149,7 @@ class ChooseSettings:
     material: float = setting(0.01, "share of the sum of squares", "an effect that explains less changes no prediction by more than a tenth of the noise")
     coarse_material: float = setting(0.1, "share of the sum of squares", "the same where both models miss much more than the noise, and for nameless curves")
     coarse: float = setting(2.0, "times the noise", "what counts as much more than the noise for that")
+    wholly: float = setting(0.4, "logarithm", "of by how much all windows' misses fall to the noise where a formula need not show in validation windows")
     errors: float = setting(2.0, "standard errors", "a gain must be beyond these; near the noise")
     coarse_errors: float = setting(1.0, "standard errors", "far from the noise, where windows differ too much for two")
     far: float = setting(3.0, "times the error that noise and physics step make", "beyond it models are judged as they will be used, from recorded states")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose import formulas
 from mpge_bench.diagnosis.choose.choice import choose
 from mpge_bench.diagnosis.choose.formulas import is_told, lone_formula, with_formulas
 from mpge_bench.diagnosis.choose.simplest import needed
@@ -98,6 +99,24 @@ def test_where_nothing_is_left_no_formula_is_looked_for(rig: Rig, named: tuple[E
 
 def test_without_time_named_physics_is_the_answer(rig: Rig) -> None:
     assert described(rig, (PeriodicTorque("elbow", 0.4, 8.0, 0.7),), deadline=0.0).effects == ()
+
+
+@pytest.mark.parametrize(("left", "is_found"), [(1.0, True), (1.6, False)])
+def test_what_validation_windows_hardly_show_is_found_where_it_leaves_nothing(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, left: float, is_found: bool
+) -> None:
+    """Friction of a joint that hardly moves in the recording that chooses was called a friction of its load, which missed four times the noise elsewhere."""
+    trials = searching(rig, OneWayFriction("elbow", 0.2, 0.05))
+    held, model = trials.problem.validation, polished(trials.problem, [OneWayFriction("elbow", 0.2, 0.05)])[0]
+
+    def missing(train: float, validation: float) -> Model:
+        wavering = 1 + 0.01 * np.sin(np.arange(len(held)))
+        return replace(model, missed=np.where(held, validation, train) * wavering, train=train, validation=validation, overall=(2 * train + validation) / 3)
+
+    law, stand_in = missing(left, 1.03), missing(4.0, 1.06)
+    monkeypatch.setattr(formulas, "_richer", lambda trials, chosen: law)
+    monkeypatch.setattr(formulas, "needed", lambda trials, chosen: chosen)
+    assert with_formulas(trials, stand_in) is (law if is_found else stand_in)
 
 
 def test_a_wave_that_is_not_told_is_no_formula(rig: Rig) -> None:
