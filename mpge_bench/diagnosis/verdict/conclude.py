@@ -112,7 +112,8 @@ def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> st
     physics = [effect.named and not effect.is_formula and (effect.name, effect.target) not in drifting for effect in chosen.effects]
     if not any(physics):
         return "unexplained"
-    return "explained" if all(physics) and chosen.typical < settings.verdict.explained else "partly_explained"
+    is_whole = chosen.typical < settings.verdict.explained and chosen.overall < settings.choose.coarse
+    return "explained" if all(physics) and is_whole else "partly_explained"
 
 
 def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
