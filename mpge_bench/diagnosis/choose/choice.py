@@ -116,10 +116,7 @@ def choose(
     if mismatch.screening.p_value < problem.settings.choose.significance:
         grow(trials, mismatch.screening)
         if shown_to_some(trials.models, problem.settings):
-            dealt = problem.dealt()
-            again = tested(dealt, options)
-            trials.begin(dealt, (again.nominal, again.fitter))
-            grow(trials, again.screening)
+            _dealt_anew(trials, options)
         named = with_formulas(trials, simplest(trials))
         nearer = by_recorded_states(trials, named)
         if nearer and trials.are_far([nearer]):
@@ -131,6 +128,19 @@ def choose(
     models, alike = tuple(trials.models), twins(trials, chosen)
     is_far = trials.are_far([chosen])
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)
+
+
+def _dealt_anew(trials: Trials, options: Sequence[Candidate]) -> None:
+    """Search again with validation windows from every recording; models that left nothing of what they were fitted to first, which may be all that there is."""
+    clean = trials.problem.settings.fit.clean
+    found = {one.key: one.effects for one in sorted(trials.models, key=lambda one: -one.validation) if one.effects and one.train < clean}
+    dealt = trials.problem.dealt()
+    again = tested(dealt, options)
+    trials.begin(dealt, (again.nominal, again.fitter))
+    for pair in trials.polished(list(found.values())[-trials.settings.polished :]):
+        trials.add(trials.converged(*pair)[0])
+    if not any(trials.is_clean(one) for one in trials.models):
+        grow(trials, again.screening)
 
 
 def _settled(trials: Trials, chosen: Model) -> Model:

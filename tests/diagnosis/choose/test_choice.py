@@ -12,15 +12,18 @@ import pytest
 
 from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.choice import chance_of, shown_to_some
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
-from mpge_bench.envs.effects import TorqueLimit
+from mpge_bench.envs.effects import TorqueLimit, ViscousFriction
 
 from ..conftest import ARM, posed, write_rig
 
@@ -87,3 +90,19 @@ def test_what_one_window_shows_and_one_effect_explains_is_a_mismatch(rig: Rig) -
     found = choice.tested(posed(rig, hidden, seconds=4.0, noise=2e-4), options)
     assert np.sum(found.nominal.missed > 1) == 2
     assert found.screening.p_value < DEFAULT.choose.significance
+
+
+def test_a_model_that_left_nothing_of_what_it_was_fitted_to_is_not_searched_for_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gravity and a motor's limit, right but for a digit that the recordings for choosing tell, were forgotten, and not found again."""
+    asked = posed(rig, ViscousFriction("elbow", 0.2), seconds=4.0, noise=2e-4)
+    searches = []
+
+    def grow(trials: Trials, screening: object) -> None:
+        searches.append(trials.problem)
+        trials.add(dataclasses.replace(polished(trials.problem, [ViscousFriction("elbow", 0.1)])[0], validation=5.0))
+
+    monkeypatch.setattr(choice, "grow", grow)
+    found = choice.choose(asked, candidates(rig, asked.scales), Workers(1), Clock(0.0, np.inf))
+    assert found.chosen.key == {"viscous_friction:elbow"}
+    assert found.chosen.validation < 1.2
+    assert len(searches) == 1
