@@ -84,16 +84,13 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
         if not pairs:
             return twin
         model = trials.add(trials.converged(*pairs[0])[0])
-    judge = trials.problem.fitter(chosen.effects).predictor
-    # Nothing is told by less than a part of what the simulator's own step leaves open: a motor's delay ends within a step, a sensor's is read between two.
-    open_to_doubt = trials.settings.step_doubt * float(np.linalg.norm(judge.project(judge.halved_error)))
-    distance = max(0.0, _between(trials, chosen, model) ** 2 - open_to_doubt**2) ** 0.5 / max(1.0, chosen.train) ** 0.5
+    distance = _between(trials, chosen, model) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
     return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
 
 
 def _between(trials: Trials, chosen: Model, other: Model) -> float:
-    """How far two models' predictions are apart, standard deviations of the noise.
+    """How far two models' predictions are apart beyond what the simulator's own step leaves open, standard deviations of the noise.
 
     Of a late sensor the first readings in each window are not judged: where that leaves one model fewer, both are held against each other by these, from
     starting states and parameters that suit both best.
@@ -102,12 +99,16 @@ def _between(trials: Trials, chosen: Model, other: Model) -> float:
     judges = [problem.fitter(one.effects).predictor for one in models]
     read = [judge.weight > 0 for judge in judges]
     if (read[0] == read[1]).all():
-        return float(np.linalg.norm(other.fit.residuals - chosen.fit.residuals))
-    fewer = int(read[1].sum() < read[0].sum())
-    ahead = [problem.predictions(judge.linear, model.effects, judge.first) for judge, model in zip(judges, models, strict=True)]
-    if ahead[0] is None or ahead[1] is None:
-        return math.inf
-    return _Columns(trials, models[fewer]).beyond(judges[fewer].project(ahead[1] - ahead[0]))
+        apart = float(np.linalg.norm(other.fit.residuals - chosen.fit.residuals))
+    else:
+        fewer = int(read[1].sum() < read[0].sum())
+        ahead = [problem.predictions(judge.linear, model.effects, judge.first) for judge, model in zip(judges, models, strict=True)]
+        if ahead[0] is None or ahead[1] is None:
+            return math.inf
+        apart = _Columns(trials, models[fewer]).beyond(judges[fewer].project(ahead[1] - ahead[0]))
+    # Nothing is told by less than a part of what half a step changes: a motor's delay ends within a step, a sensor's is read between two.
+    left_open = trials.settings.step_doubt * float(np.linalg.norm(judges[0].project(judges[0].halved_error)))
+    return math.sqrt(max(0.0, apart**2 - left_open**2))
 
 
 def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> list[Twin]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,13 +35,12 @@ def test_rivals_are_told_apart_within_the_limits(tmp_path: Path, in_process: Cal
     assert ["delay:hinge", "lag:hinge"] in data["indistinguishable"]
     said = data["next_experiment"]
     # A late sensor of a joint that nothing else moves is a late motor, whatever the motion.
-    assert [sorted(one) for one in said["classes"]] == [["delay:hinge", "sensor_delay:hinge"], ["lag:hinge"]]
+    assert said["classes"] == [["delay:hinge", "sensor_delay:hinge"], ["lag:hinge"]]
     assert said["apart"] >= DEFAULT.apart
     assert said["limits"]["hinge"] == {"position": 1.2, "speed": 6.0, "command": 2.0}
-    told = re.search(r"next_experiment.csv \(10 s, from rest at 0\) tells ([^.]*lag:hinge)", text)
-    assert told
-    assert "delay:hinge" in told[1]
-    assert "lag:hinge" in (tmp_path / "report" / "report.html").read_text()
+    told = "tells (delay:hinge or sensor_delay:hinge) from lag:hinge"
+    assert f"next_experiment.csv (10 s, from rest at 0) {told}" in text
+    assert told in (tmp_path / "report" / "report.html").read_text()
     table = pd.read_csv(tmp_path / "report" / said["file"])
     assert list(table) == ["time", "u_hinge"]
     assert table["u_hinge"].abs().max() <= 2.0
