@@ -190,6 +190,7 @@ class ContactFriction(Effect):
     coefficient: float
 
     name = "contact_friction"
+    in_contact = True
     varies = "alike"
     sentence = "The {target} rubs on the ground with a coefficient of friction of {coefficient}."
     on = "link"
@@ -215,6 +216,7 @@ class Restitution(Effect):
     coefficient: float
 
     name = "restitution"
+    in_contact = True
     sentence = "The {target} bounces off the ground with a coefficient of restitution of {coefficient}."
     on = "link"
     takes_all = True
@@ -240,6 +242,7 @@ class ContactCompliance(Effect):
     damping: float
 
     name = "contact_compliance"
+    in_contact = True
     sentence = "The {target} meets the ground softly: {stiffness} and {damping} at each point of contact."
     on = "link"
     takes_all = True

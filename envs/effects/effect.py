@@ -196,6 +196,8 @@ class Effect:
     everywhere: ClassVar[bool] = False
     #: Where robots of one make usually differ by it: "each" on each thing that it acts on, "alike" by the same on all; none elsewhere.
     varies: ClassVar[str] = ""
+    #: True where it acts on nothing but what touches the robot.
+    in_contact: ClassVar[bool] = False
     #: True where two of them on one target are one with the sums of their parameters.
     adds: ClassVar[bool] = False
     #: Plainer effects that it contains, as Stribeck's friction contains Coulomb's: never beside it.

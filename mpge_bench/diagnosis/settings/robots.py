@@ -60,6 +60,7 @@ class ReplaySettings:
     near: float = setting(3.0, "times", "what a draft may miss of what a model does, to have a chance in its place")
     most: int = setting(6, "hypotheses", "of a model, at most")
     rounds: int = setting(2, "rounds", "after which, where something is left, all that robots of one make usually differ by is fitted at once")
+    flights: int = setting(4, "times", "at most it is asked which rows are in the air, and all that is usual fitted to these, before all rows count")
     block: int = setting(5, "rows", "neighbouring ones, whose noise is alike, count as one piece of evidence")
     apart: int = setting(30, "rows", "after which what is missed has forgotten what was put right, most of it within ten")
     leftover: float = setting(0.01, "probability", "that as much as a model leaves is noise, below which more is looked for")

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
-from mpge_bench.diagnosis.transitions.fit import Model, Parameters, description, normal_equations
-from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.fit import Array, Model, Parameters, Predictor, Rows, description, fitted, model_of, normal_equations
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
 _log = logging.getLogger(__name__)
@@ -31,10 +35,73 @@ def usual_differences(trials: Trials) -> Model | None:
     every = usual(trials.hypotheses)
     if not every or trials.late("fitting many effects at once"):
         return None
-    many = _converged(trials, every, [_begin(one) for one in every])
+    many = _converged(trials, every, _in_the_air(trials, every))
     with trials.finely():
         many = trials.add(_converged(trials, many.hypotheses, many.values))
         return _restored(trials, _thinned(trials, many), every)
+
+
+def _in_the_air(trials: Trials, hypotheses: Sequence[Hypothesis]) -> list[Sequence[float]]:
+    """Values of `hypotheses` to begin with: what transitions tell in which the robot touches nothing, and of contacts what the others then do.
+
+    A link that is a little too long stands in the ground, which throws it up: fits to all transitions end with a gravity that pulls it down, or up. In the
+    air predictions bend smoothly. Which transitions are in the air depends on the links' lengths in turn.
+    """
+    felt, others = ([one for one in hypotheses if one.kind.in_contact is in_contact] for in_contact in (True, False))
+    begun = {one.key: _begin(one) for one in hypotheses}
+    if not felt or trials.noise is not None:
+        return [begun[one.key] for one in hypotheses]
+    settings = trials.settings
+    fits = partial(fitted, settings=settings, iterations=settings.iterations_polish, workers=trials.workers)
+    model = model_of(trials.replay, others, [begun[one.key] for one in others], trials.rows, settings)
+    for _ in range(settings.flights):
+        air = trials.rows[_touches_nothing(trials, model, felt)]
+        if not len(air) or trials.late("fitting many effects at once"):
+            break
+        model = fits(_Some(trials.replay, trials.rows), others, model.values, air)
+        _log.debug("%d in the air: %s: %.4g, %.3g", len(air), model.values, model.description, model.missed)
+        if model.missed < settings.nearly:
+            break
+    some = _Some(trials.replay, trials.rows, model.effects)
+    # Where nothing but rounding is left in most, any change of the rest looks as good as another.
+    missed = trials.rows[(np.abs(some.residuals((), trials.rows)) > settings.exact).any(1)]
+    touching = [fits(some, felt, starts, missed) for starts in zip(*([_begin(one), *map(parameters_of, one.starts)] for one in felt), strict=False)]
+    both = (model, min(touching, key=lambda one: one.description))
+    begun |= {one.key: own for part in both for one, own in zip(part.hypotheses, part.values, strict=True)}
+    return [begun[one.key] for one in hypotheses]
+
+
+def _touches_nothing(trials: Trials, model: Model, felt: Sequence[Hypothesis]) -> npt.NDArray[np.bool_]:
+    """In which of the rows what is `felt` in contacts changes nothing, the robot being as `model` has it, shape (rows,)."""
+    rubs = [effect for one in felt for effect in one.effects(parameters_of(one.starts[0]))]
+    alone, rubbing = (trials.replay.residuals(effects, trials.rows) for effects in (model.effects, in_order((*model.effects, *rubs))))
+    return np.asarray((np.abs(rubbing - alone) < trials.settings.exact).all(1))
+
+
+@dataclass(frozen=True)
+class _Some:
+    """Some transitions, with what leads to them: the simulator remembers. Beside `effects`, whatever others are sought.
+
+    Attributes:
+        whole: those that are played.
+    """
+
+    replay: Predictor
+    whole: Rows
+    effects: tuple[Effect, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.replay)
+
+    @property
+    def entries(self) -> int:
+        return self.replay.entries
+
+    def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
+        return self.replay.residuals(in_order((*self.effects, *effects)), self.whole)[np.searchsorted(self.whole, rows)]
+
+    def heads(self, total: int) -> Rows:
+        return self.replay.heads(total)
 
 
 def _converged(trials: Trials, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:

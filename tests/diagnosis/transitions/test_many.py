@@ -12,8 +12,9 @@ from mpge_bench.diagnosis.transitions import pipeline
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.many import usual, usual_differences
-from mpge_bench.envs import get_task
-from mpge_bench.envs.effects import Gravity, JointDamping, LinkSize
+from mpge_bench.envs import Task, get_task
+from mpge_bench.envs.effects import ContactFriction, Effect, Gravity, JointDamping, LinkSize
+from mpge_bench.envs.effects.vector import parameters_of
 from mpge_bench.unmask import drawn
 
 from .test_choose import QUICK
@@ -26,17 +27,28 @@ def test_links_differ_each_and_joints_alike() -> None:
     assert not found & {"link_size:4 alike", "joint_damping:leg_joint", "delay:3 alike"}
 
 
-def test_three_differences_of_five_are_found_to_the_last_digit_and_the_others_left_out() -> None:
-    truth = (LinkSize("pole", 1.3, 0.8), JointDamping("slider", 2.0), JointDamping("hinge", 2.0), Gravity("world", (0.0, 0.0, -8.5)))
-    task = dataclasses.replace(get_task("multipolar_swingup_3"), effects=truth)
-    parts = pipeline.parted(task.robot, *drawn(task, 200, 0.0, 1), QUICK.replay)
-    options = hypotheses(task.robot, parts.fitted.episodes, QUICK.replay)
+def _found(task: Task, samples: int, *kinds: type[Effect]) -> dict[str, tuple[float, ...]]:
+    """What the usual differences of a source from the target of `task` come to, by their labels; of some `kinds` alone where they are given."""
+    parts = pipeline.parted(task.robot, *drawn(task, samples, 0.0, 1), QUICK.replay)
+    options = [one for one in hypotheses(task.robot, parts.fitted.episodes, QUICK.replay) if not kinds or one.kind in kinds]
     with Workers(1) as workers:
         search = Search(parts.fitted, options, workers, Clock.started(None, QUICK.choose), QUICK.replay, own=parts.own)
         found = usual_differences(search)
     assert found is not None
-    values = {one.label: own for one, own in zip(found.hypotheses, found.values, strict=True)}
+    return {one.label: own for one, own in zip(found.hypotheses, found.values, strict=True)}
+
+
+def test_three_differences_of_five_are_found_to_the_last_digit_and_the_others_left_out() -> None:
+    truth = (LinkSize("pole", 1.3, 0.8), JointDamping("slider", 2.0), JointDamping("hinge", 2.0), Gravity("world", (0.0, 0.0, -8.5)))
+    values = _found(dataclasses.replace(get_task("multipolar_swingup_3"), effects=truth), 200)
     assert set(values) == {"link_size:pole", "joint_damping:2 alike", "gravity:world"}
     assert values["link_size:pole"] == pytest.approx((1.3, 0.8), rel=1e-4)
     assert values["joint_damping:2 alike"] == pytest.approx((2.0,), rel=1e-4)
     assert values["gravity:world"][2] == pytest.approx(-8.5, rel=1e-4)
+
+
+def test_lengths_are_told_though_every_wrong_one_stands_in_the_ground() -> None:
+    hopper = get_task("multipolar_hopper_21")
+    truth = tuple(one for one in hopper.effects if isinstance(one, (LinkSize, ContactFriction)))
+    values = _found(dataclasses.replace(hopper, effects=truth), 300, LinkSize, ContactFriction, Gravity)
+    assert values == {f"{one.name}:{one.target}": pytest.approx(parameters_of(one), rel=1e-6) for one in truth}
