@@ -422,14 +422,20 @@ class World:
         if self._sensors:
             self._readings.append((self.q, self.dq))
 
-    def roll(self, commands: Array) -> tuple[Array, Array]:
+    def roll(self, commands: Array, shaken: Array | None = None) -> tuple[Array, Array]:
         """Take a control step under each of `commands`, shape (steps, joints).
+
+        Args:
+            shaken: acceleration of the fixed base in each step, m/s², shape (steps, 3); it rests if not given.
 
         Returns:
             q and dq after each step, shapes (steps, size of q) and (steps, size of dq).
         """
         q, dq = np.empty((len(commands), self.q.size)), np.empty((len(commands), self.dq.size))
         for row, command in enumerate(commands.tolist()):
+            if shaken is not None:
+                # In the base's frame it is as good as gravity that changes.
+                bullet.setGravity(*(np.array(self._gravity) - shaken[row]), physicsClientId=self._client)
             for _ in range(self._advances):
                 self._advance(self._delivered(command))
             if self.floating:
@@ -437,6 +443,8 @@ class World:
                 q[row], dq[row] = self.q, self.dq
             else:
                 q[row], dq[row] = self._angles, self._speeds
+        if shaken is not None:
+            bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._settle()
         if self._sensors:
             self._readings += zip(q.copy(), dq.copy(), strict=True)

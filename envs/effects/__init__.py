@@ -40,7 +40,7 @@ from mpge_bench.envs.effects.joint import (
     ViscousFriction,
 )
 from mpge_bench.envs.effects.sensor import SensorBias, SensorDelay, SensorScale
-from mpge_bench.envs.effects.world import ExternalForce, Gravity, GroundHeight, GroundTilt
+from mpge_bench.envs.effects.world import BaseAcceleration, ExternalForce, Gravity, GroundHeight, GroundTilt
 
 __all__ = [
     "CATALOGUE",
@@ -49,6 +49,7 @@ __all__ = [
     "AttachedMass",
     "BackEmfLimit",
     "Backlash",
+    "BaseAcceleration",
     "ComOffset",
     "ContactCompliance",
     "ContactFriction",

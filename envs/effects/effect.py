@@ -90,6 +90,7 @@ class Scale:
         carried: whether another joint carries this one.
         arm: from the origin of the link that carries this joint to it, m; 0 where no joint carries it.
         step: physics step of the simulator, s; 0 where nothing is said of it.
+        shaken: whether the base's acceleration was recorded.
     """
 
     torque: float
@@ -114,6 +115,7 @@ class Scale:
     carried: bool = False
     arm: float = 0.0
     step: float = 0.0
+    shaken: bool = False
 
     def is_instant(self, seconds: float) -> bool:
         """Whether simulators differ by as much, which move positions by the velocity at a step's end or in its middle."""
@@ -314,6 +316,11 @@ class Effect:
     @property
     def rotor_inertia(self) -> float:
         """What it adds to its joint's own inertia and to no other entry of the mass matrix, kg m²."""
+        return 0.0
+
+    @property
+    def shaking(self) -> float:
+        """Share of the base's recorded acceleration that it says acts."""
         return 0.0
 
     @property

@@ -45,6 +45,29 @@ class Gravity(Effect):
 
 
 @dataclass(frozen=True)
+class BaseAcceleration(Effect):
+    """The fixed base does not rest: it accelerates by `share` of what was recorded of it (a recording's columns base_ax, base_ay, base_az), without turning.
+
+    In the base's frame that is as good as gravity that changes. Of the recordings' own share the accelerometer's calibration is part.
+    """
+
+    share: float
+
+    name = "base_acceleration"
+    sentence = "The base is shaken: it accelerates by {share} times what the columns base_ax, base_ay and base_az say, and the simulation's base rests."
+    on = "world"
+    parameters = {"share": Parameter("1", -10.0, 10.0)}
+
+    @property
+    def shaking(self) -> float:
+        return self.share
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"share": 1.0}] if scale.shaken else []
+
+
+@dataclass(frozen=True)
 class ExternalForce(Effect):
     """A constant force `vector`, N, in the frame of the base, acts on the link's centre of mass."""
 

@@ -23,6 +23,8 @@ from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.model import Model
+from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
 
@@ -138,6 +140,34 @@ def write_case(
             world.step([u])
         columns = ["time", "u_hinge", "q_hinge", "dq_hinge"][: 4 if velocities else 3]
         np.savetxt(folder / f"train_{number}.csv", np.array(rows)[:, : len(columns)], delimiter=",", header=",".join(columns), comments="")
+    return rig_path
+
+
+def write_shaken(folder: Path, *, recordings: int = 4, seconds: float = 4.0, noise: float = 5e-4) -> Path:
+    """The pendulum's rig, and recordings of it on a heavy cart that is pushed about, of whose acceleration the column base_ax tells half."""
+    rig_path = write_case(folder, recordings=0)
+    cart = (
+        '<link name="cart"><inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>'
+        '<limit lower="-9" upper="9" effort="1000" velocity="100"/></joint><link name="arm">'
+    )
+    pushed = PENDULUM.replace('<link name="arm">', cart).replace('<parent link="base"/><child link="arm"/>', '<parent link="cart"/><child link="arm"/>')
+    (folder / "cart.urdf").write_text(pushed)
+    rng = np.random.default_rng(1)
+    world = World(Model(folder / "cart.urdf"), timestep=0.0005, substeps=round(PERIOD / 0.0005))
+    time = PERIOD * np.arange(round(seconds / PERIOD))
+    for number in range(recordings):
+        hertz, phase = rng.uniform(0.3, 2.5, (2, 3, 2)), rng.uniform(0, 6, (3, 2))
+        push, u = (np.sin(2 * np.pi * hertz[0] * time[:, None, None] + phase).sum(1) * [80.0, 0.6]).T
+        world.set_state([0.0, rng.uniform(-0.5, 0.5)], [0.0, 0.0])
+        rows = []
+        for row, (force, torque) in enumerate(zip(push, u, strict=True)):
+            q, dq = world.read()
+            rows.append([time[row], torque, q[1] + noise * rng.standard_normal(), dq[1] + 10 * noise * rng.standard_normal(), dq[0]])
+            world.step([force - 20 * q[0] - 40 * dq[0], torque])
+        read = np.array(rows)
+        read[:, 4] = np.gradient(read[:, 4], PERIOD) / 2
+        np.savetxt(folder / f"train_{number}.csv", read, delimiter=",", header="time,u_hinge,q_hinge,dq_hinge,base_ax", comments="")
     return rig_path
 
 

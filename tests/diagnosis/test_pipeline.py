@@ -33,7 +33,7 @@ from mpge_bench.envs.effects import (
 )
 
 from ..conftest import PATIENCE
-from .conftest import record, write_case, write_rig
+from .conftest import record, write_case, write_rig, write_shaken
 
 
 def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
@@ -91,6 +91,18 @@ def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
     assert set(values) == {"delay", "coulomb_friction"}
     assert values["delay"]["seconds"]["value"] == pytest.approx(0.02, abs=0.001)
     assert values["coulomb_friction"]["torque"]["value"] == pytest.approx(0.15, rel=0.05)
+
+
+def test_a_base_that_is_shaken_is_told_by_its_accelerometer(tmp_path: Path) -> None:
+    rig = write_shaken(tmp_path)
+    found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
+    assert found.data["verdict"] == "explained"
+    ((one,),) = [found.data["effects"]]
+    assert (one["effect"], one["target"]) == ("base_acceleration", "world")
+    # The column has half of what the base does.
+    assert one["parameters"]["share"]["value"] == pytest.approx(2.0, rel=0.02)
+    again = read_rig(tmp_path / "report" / "corrected.yaml")
+    assert diagnose(again, read_recordings(sorted(tmp_path.glob("train_*.csv")), again)).data["verdict"] == "no_mismatch"
 
 
 def test_what_has_no_name_gets_none(tmp_path: Path) -> None:

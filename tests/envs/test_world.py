@@ -54,6 +54,19 @@ def pole(folder: Path, *, damping: float = 0.0) -> Path:
     return path
 
 
+def carried(folder: Path) -> Path:
+    """A model of the same pole on a heavy cart that slides along x."""
+    path = folder / "carried.urdf"
+    cart = (
+        '<link name="cart"><inertial><mass value="20"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        '<joint name="slide" type="prismatic"><parent link="world"/><child link="cart"/><axis xyz="1 0 0"/>'
+        '<limit lower="-99" upper="99" effort="1000" velocity="100"/></joint><link name="pole">'
+    )
+    below = pole(folder).read_text().replace('parent link="world"/><child link="pole"', 'parent link="cart"/><child link="pole"')
+    path.write_text(below.replace('<link name="pole">', cart))
+    return path
+
+
 def chain(folder: Path, seed: int, joints: int = 3) -> Path:
     """A model of `joints` random joints in a row, of which the second slides, with turned frames, oblique axes and turned inertias; the base has mass too."""
     rng = np.random.default_rng(seed)
@@ -165,6 +178,21 @@ def test_a_motion_rolled_is_a_motion_stepped(name: str) -> None:
     for ours, other in zip(rolled.roll(np.array(commands)), zip(*states, strict=True), strict=True):
         assert ours.tolist() == np.array(other).tolist()
     assert (rolled.q.tolist(), rolled.dq.tolist()) == (stepped.q.tolist(), stepped.dq.tolist())
+
+
+def test_a_base_that_accelerates_is_as_good_as_a_cart(tmp_path: Path) -> None:
+    cart = World(Model(carried(tmp_path)), timestep=1e-3, substeps=1)
+    cart.set_state([0.0, 0.4], [0.0, 0.0])
+    torques = np.stack((300 * np.sin(np.arange(600) / 50), 0.5 * np.cos(np.arange(600) / 70)), 1)
+    q, dq = cart.roll(torques)
+    shaken = np.zeros((600, 3))
+    shaken[:, 0] = np.diff(dq[:, 0], prepend=0.0) / 1e-3
+    assert np.ptp(shaken[:, 0]) > 10.0
+    alone = World(Model(pole(tmp_path)), timestep=1e-3, substeps=1)
+    for rows in (shaken, None):
+        alone.set_state([0.4], [0.0])
+        found, _ = alone.roll(torques[:, 1:], rows)
+        assert (np.abs(found[:, 0] - q[:, 1]).max() < 1e-3) == (rows is not None)
 
 
 def test_a_fresh_process_repeats_bit_by_bit() -> None:

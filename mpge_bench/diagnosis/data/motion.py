@@ -29,6 +29,7 @@ class Motion:
         time: shape (r, k), s.
         rows: number of true rows of each recording.
         u: command of each physics step of each row's interval, shape (r, k, m, j).
+        shaken: the base's mean acceleration in each row's interval, m/s², shape (r, k, 3).
         measured: q and dq, shape (r, k, 2 j); NaN where not measured.
         state: reference q and dq, same shape.
         stride: rows of the files from one row to the next.
@@ -42,6 +43,7 @@ class Motion:
     time: Array
     rows: npt.NDArray[np.int64]
     u: Array
+    shaken: Array
     measured: Array
     state: Array
     stride: int
@@ -139,13 +141,14 @@ def motion_of(recordings: Sequence[Recording], rig: Rig, settings: DiagnosisSett
     def fill(values: Array) -> Array:
         return np.concatenate((values, np.repeat(values[-1:], longest - len(values), 0)))
 
-    time, u, measured, state = [], [], [], []
+    time, u, shaken, measured, state = [], [], [], [], []
     for recording, index in zip(recordings, kept, strict=True):
         at = recording.time[index]
         ends = np.append(at[1:], at[-1] + stride * period)
         middle = at[:, None] + (ends - at)[:, None] * (np.arange(count) + 0.5) / count
         row = np.clip(np.searchsorted(recording.time, middle.ravel(), side="right") - 1, 0, len(recording.time) - 1)
         u.append(fill(recording.u[row].reshape(len(at), count, -1)))
+        shaken.append(fill(recording.shakes()[row].reshape(len(at), count, -1).mean(1)))
         q, dq, _ = differentiate(recording, settings.data)
         state.append(fill(np.concatenate((q, dq), 1)[index]))
         measured.append(fill(np.concatenate((recording.q, recording.dq), 1)[index]))
@@ -155,6 +158,7 @@ def motion_of(recordings: Sequence[Recording], rig: Rig, settings: DiagnosisSett
         np.array(time),
         rows,
         np.array(u),
+        np.array(shaken),
         np.array(measured),
         np.array(state),
         stride,

@@ -25,6 +25,8 @@ Array = npt.NDArray[np.float64]
 PARQUET = (".parquet", ".pq")
 #: Numbers of nothing physical, of whose squares and products there may be none.
 _LARGEST = 1e50
+#: Columns of the base's acceleration along its own axes, m/s².
+SHAKEN = ("base_ax", "base_ay", "base_az")
 #: What is no recording, but may hold some.
 _FOREIGN = (".mcap", ".db3", ".pt")
 
@@ -40,6 +42,7 @@ class Recording:
             off: torque 0, or NaN for a target angle.
         q: recorded coordinates, rad or m, of a free base m and a quaternion of length 1, shape (rows, nq) of the rig's layout.
         dq: recorded velocities, shape (rows, nv); NaN in the columns of what was recorded without.
+        shaken: acceleration of the fixed base along its own axes, without gravity, m/s², shape (rows, 3); None where it was not recorded.
         beside: other columns that hold numbers throughout, such as a temperature, by name, each of shape (rows,): parameters may change with them.
     """
 
@@ -49,6 +52,7 @@ class Recording:
     q: Array
     dq: Array
     beside: Mapping[str, Array] = field(default_factory=dict)
+    shaken: Array | None = None
 
     @property
     def duration(self) -> float:
@@ -57,7 +61,13 @@ class Recording:
     def rows(self, chosen: slice) -> Recording:
         """Part of the recording."""
         beside = {name: values[chosen] for name, values in self.beside.items()}
-        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen], beside)
+        shaken = None if self.shaken is None else self.shaken[chosen]
+        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen], beside, shaken)
+
+    def shakes(self) -> Array:
+        """Mean acceleration of the base from each row to the next, m/s², shape (rows, 3): straight between rows; nothing where none was recorded."""
+        found = np.zeros((len(self.time), 3)) if self.shaken is None else self.shaken
+        return np.asarray((found + np.concatenate((found[1:], found[-1:]))) / 2)
 
 
 def find_recordings(patterns: Iterable[str]) -> list[Path]:
@@ -103,7 +113,9 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
     place = np.column_stack(q)
     if rig.model.floating:
         place = checked_pose(path, time, place, settings)
-    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq), _beside(table, rig))
+    shaken = [values.get(column, nothing) for column in SHAKEN] if set(SHAKEN) & set(values) and not rig.model.floating else None
+    moved = None if shaken is None else np.column_stack(shaken)
+    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq), _beside(table, rig), moved)
 
 
 def _needed(rig: Rig) -> list[str]:
@@ -117,6 +129,8 @@ def _check_columns(path: Path, table: pd.DataFrame, rig: Rig) -> None:
                 raise UserError(f"{path}: column {column} is of a joint that the rig has not; it has {', '.join(rig.joints) or 'none'}")
     if not rig.model.floating and {"qx", "qy", "qz", "qw"} <= set(table.columns):
         raise UserError(f"{path}: columns qx, qy, qz, qw are of a free base, and the rig's is fixed; write base: free in the rig, or take another recording")
+    if rig.shaking() and not set(SHAKEN) & set(table.columns):
+        raise UserError(f"{path}: no column {', '.join(SHAKEN)}, and the rig's base is shaken (base_acceleration); record one, or leave the effect out of the rig")
     velocities = "vx, vy, vz, wx, wy, wz" if rig.model.floating else "dq_<joint>"
     for column in _needed(rig):
         if column not in table.columns:
@@ -126,19 +140,20 @@ def _check_columns(path: Path, table: pd.DataFrame, rig: Rig) -> None:
 def _columns(path: Path, table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     """The columns that are needed or of use, as finite numbers; velocities may be missing throughout."""
     values = {}
-    for column in [*_needed(rig), *(column for column in rig.columns["dq"] if column in table.columns)]:
+    for column in [*_needed(rig), *(column for column in (*rig.columns["dq"], *SHAKEN) if column in table.columns)]:
         numbers = _numbers(table[column])
         bad = np.flatnonzero(~(np.abs(numbers) < _LARGEST))
         if len(bad) and not (column in rig.columns["dq"] and np.isnan(numbers).all()):
             what = f"is beyond {_LARGEST:g}" if np.isfinite(numbers[bad[0]]) else "is not a finite number"
-            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {table[column].iloc[bad[0]]!r} {what}; mend or cut this row")
+            (value,) = table[column].iloc[bad[:1]].tolist()
+            raise UserError(f"{path}: column {column}, row {bad[0] + 1}: {value!r} {what}; mend or cut this row")
         values[column] = numbers
     return values
 
 
 def _beside(table: pd.DataFrame, rig: Rig) -> dict[str, Array]:
     """The columns that are no part of the format and hold finite numbers throughout."""
-    known = {*_needed(rig), *rig.columns["dq"], *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq", "enabled") for joint in rig.joints)}
+    known = {*_needed(rig), *rig.columns["dq"], *SHAKEN, *(f"{prefix}_{joint}" for prefix in ("u", "q", "dq", "enabled") for joint in rig.joints)}
     found = {str(name): _numbers(table[name]) for name in table.columns if name not in known}
     return {name: values for name, values in found.items() if (np.abs(values) < _LARGEST).all()}
 

@@ -157,6 +157,10 @@ class Rig:
         rotors = [effect for effect in self.chain(effects) if effect.rotor_inertia]
         return [sum(effect.rotor_inertia for effect in rotors if effect.target == joint) for joint in self.joints]
 
+    def shaking(self, effects: Sequence[Effect] = ()) -> float:
+        """Share of the base's recorded acceleration that acts under the rig's own and further `effects`."""
+        return sum(effect.shaking for effect in self.chain(effects))
+
     def servo(self, joint: str) -> PositionServo | None:
         """The servo of a joint in position mode."""
         return next((effect for effect in self.nominal if isinstance(effect, PositionServo) and effect.target == joint), None)

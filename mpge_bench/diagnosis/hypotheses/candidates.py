@@ -142,6 +142,7 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
     q, dq = motion.layout.q(motion.state[valid]), motion.layout.dq(motion.state[valid])
     u = motion.u[valid]
     carried = {joint.name: bool(rig.model.carriers(joint.parent)) for joint in rig.model.tree()}
+    shaken = any(recording.shaken is not None for recording in motion.recordings)
     found = {}
     for column, joint in enumerate(rig.joints):
         servo = rig.servo(joint)
@@ -169,5 +170,6 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             carried=carried[joint],
             arm=float(np.linalg.norm(rig.model.place(joint))) if carried[joint] else 0.0,
             step=rig.timestep,
+            shaken=shaken,
         )
     return found

@@ -25,16 +25,18 @@ class BodyRegressor:
     Args:
         linear: gives the base that changes are counted from.
         states, accelerations: of the motion, shapes (..., 2 joints) and (..., joints).
+        shaken: the base's acceleration as it was recorded, m/s², shape (..., 3).
     """
 
-    def __init__(self, linear: LinearisedSimulator, states: Array, accelerations: Array) -> None:
-        self._linear, self._accelerations = linear, accelerations
+    def __init__(self, linear: LinearisedSimulator, states: Array, accelerations: Array, shaken: Array) -> None:
+        self._linear, self._accelerations, self._shaken = linear, accelerations, shaken
+        self._share = linear.rig.shaking(linear.base)
         tree = Tree(linear.model, linear.rig.joints)
         layout = linear.motion.layout
         q = self._q = layout.q(states)
         self._dq = layout.dq(states)
         still = np.zeros_like(q)
-        self._columns = tree.columns(q, self._dq, accelerations, linear.gravity)
+        self._columns = tree.columns(q, self._dq, accelerations, linear.gravity - self._share * shaken)
         self._base = {link: body_parameters(*linear.model.inertial(link)) for link in self._columns}
         # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
         pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
@@ -45,7 +47,8 @@ class BodyRegressor:
 
     def torques(self, effects: Sequence[Effect]) -> Array:
         """Joint torques, shape (..., joints), that `effects` ask for less than the base does: what they add to the motors'."""
-        alter, altered = (tuple(effect for effect in self._linear.rig.chain(some) if effect.alters_model) for some in (effects, self._linear.base))
+        rig = self._linear.rig
+        alter, altered = (tuple(effect for effect in rig.chain(some) if effect.alters_model or effect.shaking) for some in (effects, self._linear.base))
         if alter == altered:
             return np.zeros(self._accelerations.shape)
         return self._known.get(alter, lambda: self._asked(effects))
@@ -54,10 +57,11 @@ class BodyRegressor:
         linear = self._linear
         rig = linear.rig
         model = rig.changed(effects)
+        # Gravity is as good as the base accelerating upwards.
+        added = (rig.shaking(effects) - self._share) * (self._gravity @ self._shaken[..., None])[..., 0]
         if not np.array_equal(model.geometry(), self._geometry):
             # Where joints are elsewhere, nothing is in proportion to the bodies' parameters as they are here.
-            return self._whole - self._asked_by(model, rig.rotors(effects))
-        added = np.zeros(self._accelerations.shape)
+            return np.asarray(added + self._whole - self._asked_by(model, rig.rotors(effects)))
         for link, columns in self._columns.items():
             change = body_parameters(*model.inertial(link)) - self._base[link]
             if change.any():

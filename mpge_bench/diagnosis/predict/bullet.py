@@ -37,7 +37,7 @@ class BulletPredictor:
                 raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the rig has {', '.join(rig.joints)}")
         self._sensors = [(effect, rig.joints.index(effect.target)) for effect in self._chain if effect.on == "sensor"]
         self._looks_back = sum(effect.looks_back or 0.0 for effect in self._chain)
-        self._warm_for = warm_up(self._chain, self._settings)
+        self._warm_for, self._shaking = warm_up(self._chain, self._settings), rig.shaking(effects)
         moving = [effect for effect in effects if effect.on != "sensor"]
         self._effects = moving
         self._worlds: dict[int, World] = {}
@@ -76,11 +76,11 @@ class BulletPredictor:
         if self._warm_for:
             self._warm_up(world, recording, first, smooth)
         if many:
-            q, dq = world.roll(recording.u[first : rows[-1]])
+            row = np.arange(first, rows[-1])
         else:
             at = time[first] + (np.arange(int(np.ceil(until / dt - 1e-6))) + 0.5) * dt
             row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
-            q, dq = world.roll(recording.u[row])
+        q, dq = world.roll(recording.u[row], self._shaking * recording.shakes()[row] if self._shaking else None)
         path = np.concatenate((state[None], layout.state(q, dq)))
         if not np.isfinite(path).all() or np.abs(layout.dq(path)).max() > self._settings.unstable:
             raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in {self.rig.path}")
@@ -131,20 +131,20 @@ class BulletPredictor:
         world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
 
 
-def rows_in_bullet(rig: Rig, bodies: Sequence[Effect], states: Array, torques: Array, step: float, count: int) -> Array:
+def rows_in_bullet(rig: Rig, bodies: Sequence[Effect], states: Array, torques: Array, step: float, count: int, shaken: Array | None = None) -> Array:
     """Where `count` physics steps of `step` s, under constant joint torques from outside, lead from each of `states`, shape (rows, 2 joints).
 
     Args:
         bodies: the effects that alter the rig's model.
         torques: N m, shape (rows, joints).
+        shaken: acceleration of the base, m/s², shape (rows, 3); it rests if not given.
     """
     layout = rig.layout
     world = replace(rig, nominal=()).world(bodies, timestep=step, substeps=count)
     result = np.empty_like(states)
-    for state, torque, reached in zip(states, torques.tolist(), result, strict=True):
+    for row, (state, torque) in enumerate(zip(states, torques, strict=True)):
         world.set_state(layout.q(state), layout.dq(state))
-        world.step(torque)
-        reached[:] = layout.state(world.q, world.dq)
+        result[row] = layout.state(*world.roll(torque[None], None if shaken is None else shaken[row, None]))[0]
     return result
 
 

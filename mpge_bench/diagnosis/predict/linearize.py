@@ -146,12 +146,14 @@ class LinearisedSimulator:
         steps, step = motion.u.shape[2] * parts, motion.step / parts
         bodies = [effect for effect in self.rig.chain(self.base) if effect.alters_model]
         moves = motion.valid(ahead=1)
-        states, torques = motion.state[moves], self.delivered[moves]
+        states, torques, share = motion.state[moves], self.delivered[moves], self.rig.shaking(self.base)
+        shaken = share * motion.shaken[moves] if share else None
         result = motion.state.copy()
         try:
-            result[moves] = steered(self._tree, step, bodies).roll(states, torques[:, None], every=steps, unstable=np.inf)[:, 1]
+            made, rows = steered(self._tree, step, bodies), None if shaken is None else shaken[:, None]
+            result[moves] = made.roll(states, torques[:, None], every=steps, unstable=np.inf, shaken=rows)[:, 1]
         except NotCovered:
-            result[moves] = rows_in_bullet(self.rig, bodies, states, torques, step, steps)
+            result[moves] = rows_in_bullet(self.rig, bodies, states, torques, step, steps, shaken)
         return result
 
     def residual_torques(self) -> Array:

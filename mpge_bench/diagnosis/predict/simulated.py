@@ -31,12 +31,14 @@ class _Grid:
         windows: which ones, shape (windows,).
         every: physics steps between two of the path's rows; 0 where the recording's rows lie between physics steps, and the path has a row each step.
         u: commands of the path's rows, shape (windows, rows, joints).
+        shaken: the base's acceleration in them, m/s², shape (windows, rows, 3).
         place: of each wanted row on the path, in its rows, shape (windows, wanted).
     """
 
     windows: Indices
     every: int
     u: Array
+    shaken: Array
     place: Array
 
 
@@ -58,10 +60,10 @@ class SimulatedWindows:
         self._recordings, self._recording, self._rows, self._settings = recordings, recording, rows, settings
         times = [recordings[r].time for r in recording]
         self._since = np.array([time[own[0]] - time[0] for time, own in zip(times, rows, strict=True)])
-        steps: dict[int, list[tuple[int, Array, Array]]] = {}
+        steps: dict[int, list[tuple[int, Array, Array, Array]]] = {}
         for window, (r, own) in enumerate(zip(recording, rows, strict=True)):
-            every, u, place = self._stepped(recordings[r], own)
-            steps.setdefault(every, []).append((window, u, place))
+            every, path, place = self._stepped(recordings[r], own)
+            steps.setdefault(every, []).append((window, recordings[r].u[path], recordings[r].shakes()[path], place))
         self._grids = [_grid(every, found) for every, found in sorted(steps.items())]
         # By the identity of the references, which are kept with it, so that no others can have it.
         self._warm: Memory[tuple[int, float], tuple[Sequence[Array], Warm]] = Memory(2)
@@ -100,7 +102,7 @@ class SimulatedWindows:
         made = mechanism(self._rig, effects)
         chain = self._rig.chain(effects)
         warm = self._warmed(references, warm_up(chain, self._settings.predict)) if made.program.remembers else None
-        sensors = [effect for effect in chain if effect.on == "sensor"]
+        sensors, share = [effect for effect in chain if effect.on == "sensor"], self._rig.shaking(effects)
         starts, beside = np.split(starts, [2 * self._rig.layout.nv], axis=1)
         result, stopped = np.empty((*self._rows.shape, starts.shape[1])), np.zeros(len(starts), np.bool_)
         for grid in self._grids:
@@ -110,7 +112,8 @@ class SimulatedWindows:
             shifts = beside[own] if beside.size else None
             unstable = self._settings.predict.unstable
             since = self._since[own]
-            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts, since=since)
+            shaken = share * grid.shaken if share else None
+            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts, since=since, shaken=shaken)
             if sensors:
                 path = self._sensed(path, own, sensors, references, every * self._rig.timestep)
             result[own] = _at(path, grid)
@@ -129,17 +132,17 @@ class SimulatedWindows:
             return None
         return result
 
-    def _stepped(self, recording: Recording, rows: Indices) -> tuple[int, Array, Array]:
-        """How one window is stepped, as `BulletPredictor.run` does: physics steps a row of the path, its commands, and where the wanted rows lie on it."""
+    def _stepped(self, recording: Recording, rows: Indices) -> tuple[int, Indices, Array]:
+        """How one window is stepped, as `BulletPredictor.run` does: physics steps a row of the path, its rows of the file, and where those wanted lie on it."""
         dt, time, first, last = self._rig.timestep, recording.time, int(rows[0]), int(rows[-1])
         until = time[last] - time[first]
         every = round(float(until / max(last - first, 1)) / dt)
         off = np.abs(time[first : last + 1] - time[first] - np.arange(last + 1 - first) * every * dt)
         if every > 0 and bool(np.all(off < self._settings.predict.even * dt)):
-            return every, recording.u[first:last], (rows - first).astype(float)
+            return every, np.arange(first, last), (rows - first).astype(float)
         at = time[first] + (np.arange(int(np.ceil(until / dt - 1e-6))) + 0.5) * dt
         row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
-        return 0, recording.u[row], (time[rows] - time[first]) / dt
+        return 0, row, (time[rows] - time[first]) / dt
 
     def _steps_before(self, recording: Recording, first: int, seconds: float) -> tuple[Array, Indices]:
         """Times, s, of the physics steps in the `seconds` before row `first`, and the rows whose commands they get."""
@@ -227,12 +230,12 @@ class RestartedRecording:
         return missed
 
 
-def _grid(every: int, found: Sequence[tuple[int, Array, Array]]) -> _Grid:
-    windows, commands, places = zip(*found, strict=True)
+def _grid(every: int, found: Sequence[tuple[int, Array, Array, Array]]) -> _Grid:
+    windows, commands, shaken, places = zip(*found, strict=True)
     longest = max(len(u) for u in commands)
     # Shorter windows go on under their last command; nobody asks where to.
-    filled = [np.concatenate((u, np.repeat(u[-1:], longest - len(u), 0))) for u in commands]
-    return _Grid(np.array(windows, np.int64), every, np.array(filled), np.array(places))
+    u, accelerations = (np.array([np.concatenate((one, np.repeat(one[-1:], longest - len(one), 0))) for one in some]) for some in (commands, shaken))
+    return _Grid(np.array(windows, np.int64), every, u, accelerations, np.array(places))
 
 
 def _at(path: Array, grid: _Grid) -> Array:

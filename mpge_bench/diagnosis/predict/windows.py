@@ -191,7 +191,9 @@ class WindowPredictor:
         """What bodies ask for along the windows' motion."""
         layout = self.linear.motion.layout
         change = layout.minus(self.state[:, 1:], self.state[:, :-1])
-        return BodyRegressor(self.linear, (self.state[:, 1:] + self.state[:, :-1]) / 2, layout.ddx(change) / self._intervals[..., None])
+        at, rows = self.windows.recording[:, None], self.windows.start[:, None] + np.arange(self.windows.length)
+        states, accelerations = (self.state[:, 1:] + self.state[:, :-1]) / 2, layout.ddx(change) / self._intervals[..., None]
+        return BodyRegressor(self.linear, states, accelerations, self.linear.motion.shaken[at, rows])
 
     @functools.cached_property
     def delivered(self) -> Array:

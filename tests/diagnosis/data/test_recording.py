@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as arrays
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.recording import Recording, find_recordings, read_recording, write_table
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.envs.effects import ViscousFriction
+from mpge_bench.envs.effects import BaseAcceleration, ViscousFriction
 from mpge_bench.envs.errors import UserError
 
 from ..conftest import ARM, record, table, write_rig
@@ -54,6 +54,27 @@ def test_what_is_written_is_read(rig: Rig, recording: Recording, tmp_path: Path,
     assert found.duration == pytest.approx(1.99)
     assert same(found.rows(slice(5, 9)), Recording(path, *(getattr(found, name)[5:9] for name in ("time", "u", "q", "dq"))))
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def test_what_the_base_does_is_read(rig: Rig, recording: Recording, tmp_path: Path) -> None:
+    path, rows = tmp_path / "recording.csv", table(recording, rig)
+    assert recording.shaken is None
+    assert not recording.shakes().any()
+    up = np.arange(len(rows), dtype=float)
+    write_table(rows.assign(base_az=up), path)
+    (found,) = read_recordings([path], rig)
+    assert found.shaken is not None
+    assert found.shaken[:, 2].tolist() == up.tolist()
+    assert not found.shaken[:, :2].any()
+    assert found.shakes()[:-1, 2].tolist() == (up[:-1] + 0.5).tolist()
+    assert found.rows(slice(5, 9)).shaken is not None
+    assert dict(found.beside) == {}
+    shaken = read_rig(write_rig(tmp_path, effects=[BaseAcceleration("world", 1.0).to_dict()]))
+    assert read_recordings([path], shaken)[0].shaken is not None
+    write_table(rows, path)
+    assert "no column base_ax, base_ay, base_az, and the rig's base is shaken" in refusal(path, shaken)
+    write_table(rows.assign(base_ax=np.where(up == 3, np.nan, 0.0)), path)
+    assert refusal(path, rig) == f"{path}: column base_ax, row 4: nan is not a finite number; mend or cut this row"
 
 
 @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])

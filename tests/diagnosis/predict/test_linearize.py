@@ -18,6 +18,7 @@ from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
 from mpge_bench.envs.effects import (
     AirDrag,
     Armature,
+    BaseAcceleration,
     ComOffset,
     CouplingDamping,
     CouplingSpring,
@@ -57,7 +58,10 @@ class Case:
     """A window of the rig's own motion, in PyBullet and linearised."""
 
     def __init__(self, rig: Rig, period: float = 0.005) -> None:
-        self.rig, self.recording = rig, record(rig, period=period)
+        plain = record(rig, period=period)
+        waves = np.sin(np.outer(plain.time + 0.1, [9.0, 7.0, 11.0]))
+        # Of which nothing acts unless an effect says so.
+        self.rig, self.recording = rig, replace(plain, shaken=5 * waves)
         motion = exact(rig, self.recording)
         self.linear = LinearisedSimulator(rig, motion)
         windows = windows_of(motion, 0.2)
@@ -126,6 +130,7 @@ EFFECTS: dict[str, Callable[[float], Effect]] = {
     "inertia_scale": lambda size: InertiaScale("upper", 1 + size),
     "mass_scale": lambda size: MassScale("lower", 1 + 0.3 * size),
     "gravity": lambda size: Gravity("world", (size, 0.0, -9.81 + size)),
+    "base_acceleration": lambda size: BaseAcceleration("world", size),
     "external_force": lambda size: ExternalForce("lower", (size, 0.0, size)),
     "link_length": lambda size: LinkLength("elbow", 0.2 * size),
     "joint_origin": lambda size: JointOrigin("elbow", 0.1 * size, 0.0, 0.1 * size),
@@ -145,6 +150,16 @@ def test_an_effects_change_is_predicted_to_second_order(case: Case, name: str) -
     bent = [np.abs(missed(2 * part) - 2 * missed(part)).max() for part in (size, size / 2, size / 4)]
     assert bent[0] / bent[1] == pytest.approx(4, rel=0.15)
     assert bent[1] / bent[2] == pytest.approx(4, rel=0.1)
+
+
+@pytest.mark.parametrize("elsewhere", [(), (LinkLength("elbow", 0.02),)])
+def test_a_shaken_bases_own_motion_has_no_defects(case: Case, elsewhere: Sequence[Effect]) -> None:
+    recording, effects = case.recording, [BaseAcceleration("world", 1.5), *elsewhere]
+    start = np.concatenate((recording.q[0], recording.dq[0]))
+    path = BulletPredictor(case.rig, effects).run(recording, 0, np.arange(len(recording.time)), start, case.state)
+    motion = exact(case.rig, replace(recording, q=path[:, :2], dq=path[:, 2:]))
+    assert np.abs(LinearisedSimulator(case.rig, motion, effects).residual_torques()).max() < 0.05 * np.abs(motion.u).max()
+    assert np.abs(LinearisedSimulator(case.rig, motion).residual_torques()).max() > np.abs(motion.u).max()
 
 
 def test_long_rows_are_linearised_at_their_middle(rig: Rig) -> None:

@@ -22,6 +22,7 @@ from mpge_bench.diagnosis.predict.windows import windows_of
 from mpge_bench.envs.effects import (
     Armature,
     Backlash,
+    BaseAcceleration,
     CoulombFriction,
     Delay,
     Effect,
@@ -85,6 +86,23 @@ def test_windows_are_predicted_as_pybullet_predicts_them(case: Case, effects: Se
         rng = np.random.default_rng(0)
         recordings = [replace(one, time=one.time + 0.003 * np.sort(rng.uniform(0, 1, len(one.time)))) for one in recordings]
     assert case.at_once(effects, recordings, parts) == pytest.approx(case.one_by_one(effects, recordings, parts), abs=1e-11)
+
+
+@pytest.mark.parametrize("slow", [(), (JointDamping("elbow", 0.05),)])
+@pytest.mark.parametrize("uneven", [False, True])
+def test_a_shaken_base_is_pybullets(case: Case, slow: Sequence[Effect], uneven: bool) -> None:
+    rng = np.random.default_rng(0)
+    recordings = [replace(one, shaken=rng.normal(0, 3, (len(one.time), 3))) for one in case.recordings]
+    if uneven:
+        recordings = [replace(one, time=one.time + 0.003 * np.sort(rng.uniform(0, 1, len(one.time)))) for one in recordings]
+    effects = [BaseAcceleration("world", 0.7), *slow]
+    found = case.at_once(effects, recordings)
+    assert found == pytest.approx(case.one_by_one(effects, recordings), abs=1e-11)
+    # Nobody says that the recorded acceleration acts.
+    resting = case.at_once(slow, recordings)
+    assert resting == pytest.approx(case.at_once(slow, case.recordings) if not uneven else case.one_by_one(slow, recordings), abs=1e-11)
+    assert found is not None
+    assert np.abs(found - resting).max() > 0.01
 
 
 def test_an_unstable_prediction_is_none(case: Case) -> None:

@@ -24,7 +24,18 @@ Array = npt.NDArray[np.float64]
 
 #: What effects on pairs of joints, bodies and surroundings need no law for: they change ties, masses, inertias, gravity or constant forces and nothing else.
 _OF_THE_MODEL = frozenset(
-    {"coupling_spring", "coupling_damping", "mass_scale", "inertia_scale", "com_offset", "payload", "attached_mass", "gravity", "external_force"}
+    {
+        "coupling_spring",
+        "coupling_damping",
+        "mass_scale",
+        "inertia_scale",
+        "com_offset",
+        "payload",
+        "attached_mass",
+        "gravity",
+        "external_force",
+        "base_acceleration",
+    }
 )
 
 
@@ -45,7 +56,16 @@ class Mechanism:
     program: Program
 
     def roll(
-        self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None, since: Array | None = None
+        self,
+        start: Array,
+        u: Array,
+        *,
+        every: int = 1,
+        unstable: float,
+        warm: Warm | None = None,
+        beside: Array | None = None,
+        since: Array | None = None,
+        shaken: Array | None = None,
     ) -> Array:
         """The motion from each of `start` on; arguments as of `followed`.
 
@@ -55,13 +75,22 @@ class Mechanism:
         Raises:
             NotCovered: if a joint reaches an end stop.
         """
-        path, stopped = self.followed(start, u, every=every, unstable=unstable, warm=warm, beside=beside, since=since)
+        path, stopped = self.followed(start, u, every=every, unstable=unstable, warm=warm, beside=beside, since=since, shaken=shaken)
         if stopped.any():
             raise NotCovered("a joint reaches an end stop")
         return path
 
     def followed(
-        self, start: Array, u: Array, *, every: int = 1, unstable: float, warm: Warm | None = None, beside: Array | None = None, since: Array | None = None
+        self,
+        start: Array,
+        u: Array,
+        *,
+        every: int = 1,
+        unstable: float,
+        warm: Warm | None = None,
+        beside: Array | None = None,
+        since: Array | None = None,
+        shaken: Array | None = None,
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """The motion from each of `start` on as if there were no end stops, and where one would have been reached.
 
@@ -72,6 +101,7 @@ class Mechanism:
             warm: motion before the start on which hidden states are warmed up.
             beside: how far each motor side is then from where the warm-up leaves it: angles and speeds in turn, shape (windows, 2 motor sides).
             since: how long each motion has been going on at the start, s, shape (windows,); 0 if not given.
+            shaken: acceleration of the base in each row's steps, m/s², shape (windows, rows, 3); it rests if not given.
 
         Returns:
             The motion, as `roll` has it, and whether a joint reached an end stop, shape (windows,).
@@ -100,6 +130,7 @@ class Mechanism:
             program.motors,
             np.zeros((len(start), 2 * len(program.motors))) if beside is None else np.ascontiguousarray(beside, float),
             np.zeros(len(start)) if since is None else np.ascontiguousarray(since, float),
+            np.zeros((0, 0, 3)) if shaken is None else np.ascontiguousarray(self.tree.gravity - shaken),
             result,
             stopped,
         )
@@ -226,6 +257,7 @@ def _rolled(
     motors: Indices,
     beside: Array,
     since: Array,
+    pulls: Array,
     result: Array,
     stopped: npt.NDArray[np.bool_],
 ) -> None:
@@ -242,17 +274,14 @@ def _rolled(
         for step in range(warm_u.shape[1] - warm_count[window] if len(warm_count) else 0, warm_u.shape[1]):
             then = window, step
             _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
-        for motor in range(len(motors)):
-            at, joint = motors[motor]
-            if memory[at] == 0.0:
-                memory[at], memory[at + 1], memory[at + 2] = 1.0, q[joint], dq[joint]
-            memory[at + 1] += beside[window, 2 * motor]
-            memory[at + 2] += beside[window, 2 * motor + 1]
+        _set_aside(motors, beside[window], q, dq, memory)
         for row in range(rows):
             sane = True
+            # Gravity is as good as the base accelerating upwards.
+            pull = pulls[window, row] if len(pulls) else gravity
             for _ in range(every):
                 _drive(spans, operations, numbers, tables, dt, u[window, row], q, dq, memory, right, most)
-                dynamics(whole, joints, pushes, gravity, ties, q, dq, room, mass, spent)
+                dynamics(whole, joints, pushes, pull, ties, q, dq, room, mass, spent)
                 _step(mass, spent, rubs, dt, q, dq, right, most, answer)
                 for joint in range(n):
                     # NaN is below neither.
@@ -261,6 +290,17 @@ def _rolled(
             if not sane or not math.isfinite(q.sum()):
                 break
             result[window, row + 1, :n], result[window, row + 1, n:] = q, dq
+
+
+@compiled
+def _set_aside(motors: Indices, beside: Array, q: Array, dq: Array, memory: Array) -> None:
+    """Move each motor side by what `beside` says, shape (2 motor sides,), from where the warm-up left it, which without one is with its joint."""
+    for motor in range(len(motors)):
+        at, joint = motors[motor]
+        if memory[at] == 0.0:
+            memory[at], memory[at + 1], memory[at + 2] = 1.0, q[joint], dq[joint]
+        memory[at + 1] += beside[2 * motor]
+        memory[at + 2] += beside[2 * motor + 1]
 
 
 @compiled
