@@ -130,7 +130,7 @@ def _check_columns(path: Path, table: pd.DataFrame, rig: Rig) -> None:
     if not rig.model.floating and {"qx", "qy", "qz", "qw"} <= set(table.columns):
         raise UserError(f"{path}: columns qx, qy, qz, qw are of a free base, and the rig's is fixed; write base: free in the rig, or take another recording")
     if rig.shaking() and not set(SHAKEN) & set(table.columns):
-        raise UserError(f"{path}: no column {', '.join(SHAKEN)}, and the rig's base is shaken (base_acceleration); record one, or leave the effect out of the rig")
+        raise UserError(f"{path}: no column {', '.join(SHAKEN)}, and the rig's base is shaken (base_acceleration); record one, or take the effect out")
     velocities = "vx, vy, vz, wx, wy, wz" if rig.model.floating else "dq_<joint>"
     for column in _needed(rig):
         if column not in table.columns:

@@ -72,15 +72,16 @@ class Search(Trials):
 
     def explained(self) -> Model:
         """The best model: of one hypothesis after another or, where the first leaves something, of all that robots of one make usually differ by."""
-        chosen, rounds = self.add(model_of(self.replay, (), (), self.rows, self.settings)), 0
+        chosen, rounds, looked = self.add(model_of(self.replay, (), (), self.rows, self.settings)), 0, False
         while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
             richer = self.taken_in(chosen)
             rounds, is_stuck = rounds + 1, richer is chosen
             chosen = richer
-            # Not at once: what two rounds find takes less time so.
-            if chosen.hypotheses and (rounds == self.settings.rounds or (is_stuck and rounds < self.settings.rounds)):
+            # Not at once: what two rounds find takes less time so, unless what the first finds is usual.
+            if chosen.hypotheses and not looked and (rounds == self.settings.rounds or is_stuck or all(one.kind.varies for one in chosen.hypotheses)):
+                looked = True
                 many = usual_differences(self) if self.is_lacking(chosen, self.settings.exact_share) else None
                 if many is not None and self.is_better(many, chosen):
                     return many

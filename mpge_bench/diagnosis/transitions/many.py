@@ -65,7 +65,11 @@ def _in_the_air(trials: Trials, hypotheses: Sequence[Hypothesis]) -> list[Sequen
     some = _Some(trials.replay, trials.rows, model.effects)
     # Where nothing but rounding is left in most, any change of the rest looks as good as another.
     missed = trials.rows[(np.abs(some.residuals((), trials.rows)) > settings.exact).any(1)]
-    touching = [fits(some, felt, starts, missed) for starts in zip(*([_begin(one), *map(parameters_of, one.starts)] for one in felt), strict=False)]
+    touching: list[Model] = []
+    for starts in zip(*([_begin(one), *map(parameters_of, one.starts)] for one in felt), strict=False):
+        touching.append(fits(some, felt, starts, missed))
+        if touching[-1].missed < settings.nearly:
+            break
     both = (model, min(touching, key=lambda one: one.description))
     begun |= {one.key: own for part in both for one, own in zip(part.hypotheses, part.values, strict=True)}
     return [begun[one.key] for one in hypotheses]
@@ -121,7 +125,7 @@ def _restored(trials: Trials, model: Model, every: Sequence[Hypothesis]) -> Mode
 
     A fit of fewer parameters goes on where that of many had come to a stop, which hides what was lost.
     """
-    while not trials.late("taking effects in again"):
+    while trials.is_lacking(model, trials.settings.exact_share) and not trials.late("taking effects in again"):
         left = [one for one in every if one.key not in model.key]
         drafts = [((one,), (tuple(_begin(one)),)) for one in left]
         shared = (trials.replay, model, trials.rows, trials.settings, trials.settings.iterations)
