@@ -98,7 +98,7 @@ def effects_of(hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float
     return in_order([effect for one, own in zip(hypotheses, values, strict=True) for effect in one.effects(own)])
 
 
-def model_of(replay: Predictor, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
+def model_of(replay: Pieces, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows, settings: ReplaySettings) -> Model:
     """The model of `hypotheses` with these `values`, as it is."""
     residuals = replay.residuals(effects_of(hypotheses, values), rows)
     size = sum(one.size for one in hypotheses)

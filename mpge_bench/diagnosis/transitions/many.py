@@ -8,12 +8,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.transitions.fit import Array, Model, Parameters, Predictor, Rows, description, fitted, model_of, normal_equations
+from mpge_bench.diagnosis.transitions.fit import Array, Model, Parameters, Pieces, Predictor, Rows, description, fitted, model_of, normal_equations
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, in_order
 from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
 from mpge_bench.envs.effects import Effect
@@ -51,28 +50,36 @@ def _in_the_air(trials: Trials, hypotheses: Sequence[Hypothesis]) -> list[Sequen
     begun = {one.key: _begin(one) for one in hypotheses}
     if not felt or trials.noise is not None:
         return [begun[one.key] for one in hypotheses]
-    settings = trials.settings
-    fits = partial(fitted, settings=settings, iterations=settings.iterations_polish, workers=trials.workers)
-    model = model_of(trials.replay, others, [begun[one.key] for one in others], trials.rows, settings)
-    for _ in range(settings.flights):
+    model = model_of(trials.replay, others, [begun[one.key] for one in others], trials.rows, trials.settings)
+    for _ in range(trials.settings.flights):
         air = trials.rows[_touches_nothing(trials, model, felt)]
         if not len(air) or trials.late("fitting many effects at once"):
             break
-        model = fits(_Some(trials.replay, trials.rows), others, model.values, air)
+        model = _fitted_to(trials, _Some(trials.replay, trials.rows), others, model.values, air)
         _log.debug("%d in the air: %s: %.4g, %.3g", len(air), model.values, model.description, model.missed)
-        if model.missed < settings.nearly:
+        if model.missed < trials.settings.nearly:
             break
-    some = _Some(trials.replay, trials.rows, model.effects)
-    # Where nothing but rounding is left in most, any change of the rest looks as good as another.
-    missed = trials.rows[(np.abs(some.residuals((), trials.rows)) > settings.exact).any(1)]
-    touching: list[Model] = []
-    for starts in zip(*([_begin(one), *map(parameters_of, one.starts)] for one in felt), strict=False):
-        touching.append(fits(some, felt, starts, missed))
-        if touching[-1].missed < settings.nearly:
-            break
-    both = (model, min(touching, key=lambda one: one.description))
+    both = (model, _on_the_ground(trials, model, felt))
     begun |= {one.key: own for part in both for one, own in zip(part.hypotheses, part.values, strict=True)}
     return [begun[one.key] for one in hypotheses]
+
+
+def _on_the_ground(trials: Trials, model: Model, felt: Sequence[Hypothesis]) -> Model:
+    """What is `felt` in contacts, the robot being as `model` has it, from whichever of its starts leads farthest."""
+    some, settings = _Some(trials.replay, trials.rows, model.effects), trials.settings
+    begun = model_of(some, felt, [_begin(one) for one in felt], trials.rows, settings)
+    # Where nothing but rounding is left in most, any change of the rest looks as good as another.
+    missed = trials.rows[(np.abs(begun.residuals) > settings.exact).any(1)]
+    found: list[Model] = []
+    for starts in zip(*([own, *map(parameters_of, one.starts)] for one, own in zip(felt, begun.values, strict=True)), strict=False):
+        if not len(missed) or (found and found[-1].is_exact(settings)):
+            break
+        found.append(_fitted_to(trials, some, felt, starts, missed))
+    return min(found, key=lambda one: one.description, default=begun)
+
+
+def _fitted_to(trials: Trials, some: Pieces, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]], rows: Rows) -> Model:
+    return fitted(some, hypotheses, values, rows, trials.settings, trials.settings.iterations_polish, trials.workers)
 
 
 def _touches_nothing(trials: Trials, model: Model, felt: Sequence[Hypothesis]) -> npt.NDArray[np.bool_]:
@@ -150,7 +157,10 @@ def _thinned(trials: Trials, model: Model) -> Model:
         idle = _idle(trials, model, without)
         while idle:
             rest = without(idle)
-            less = trials.add(trials.fitted(rest.hypotheses, rest.values, trials.workers))
+            # What is first order leads astray where what is dropped was far from absent, though it did nothing.
+            own = [values for one, values in zip(model.hypotheses, model.values, strict=True) if one in rest.hypotheses]
+            begun = [model_of(trials.replay, rest.hypotheses, values, trials.rows, trials.settings) for values in (rest.values, own)]
+            less = trials.add(trials.fitted(rest.hypotheses, min(begun, key=lambda one: one.description).values, trials.workers))
             if not trials.is_better(model, less):
                 model = less
                 break
