@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.score import gain
+from mpge_bench.diagnosis.choose.score import gain, idle
 from mpge_bench.diagnosis.choose.simplest import needed
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
@@ -27,10 +27,15 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
         if trials.is_clean(chosen) or trials.cut_short("formulas"):
             break
         rich = _richer(trials, chosen)
-        if rich is None or not (is_told(rich) and _is_much_better(trials, chosen, rich) and trials.no_worse(rich, chosen)):
+        if rich is None or not (is_told(rich) and _is_much_better(trials, chosen, rich) and trials.no_worse(rich, chosen)) or _is_slight(trials, rich):
             break
         chosen = needed(trials, rich)
     return chosen
+
+
+def _is_slight(trials: Trials, rich: Model) -> bool:
+    """Whether a formula in `rich` does next to nothing: no named effect would be taken that does as little."""
+    return any(effect.is_formula for effect in idle(trials.problem, trials.problem.fitter(rich.effects), rich.effects))
 
 
 def _is_much_better(trials: Trials, chosen: Model, rich: Model) -> bool:

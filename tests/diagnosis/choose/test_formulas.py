@@ -119,6 +119,18 @@ def test_what_validation_windows_hardly_show_is_found_where_it_leaves_nothing(
     assert with_formulas(trials, stand_in) is (law if is_found else stand_in)
 
 
+@pytest.mark.parametrize(("amplitude", "is_found"), [(0.001, False), (0.05, True)])
+def test_a_formula_that_does_next_to_nothing_is_none(rig: Rig, monkeypatch: pytest.MonkeyPatch, amplitude: float, is_found: bool) -> None:
+    """A pole 3.5% lighter, which named effects that do so little are not taken for, was called a wave of a quarter of a percent of the torque."""
+    trials = searching(rig, PeriodicTorque("elbow", amplitude, 3.0, 0.2))
+    law, stand_in = polished(trials.problem, [PeriodicTorque("elbow", amplitude, 3.0, 0.2)])[0], trials.nominal
+    stand_in = replace(stand_in, missed=4 * law.missed, train=4 * law.train, validation=4 * law.validation, overall=4 * law.overall)
+    for name, found in (("_richer", law), ("needed", law)):
+        monkeypatch.setattr(formulas, name, lambda trials, chosen, found=found: found)
+    monkeypatch.setattr(formulas, "is_told", lambda rich: True)
+    assert with_formulas(trials, stand_in) is (law if is_found else stand_in)
+
+
 def test_a_wave_that_is_not_told_is_no_formula(rig: Rig) -> None:
     """Any wave fits a motion of a few windows a little: seen on a measured servo, with a swing of 0 to four times its size."""
     asked = posed(rig, CoulombFriction("elbow", 0.2), seconds=4.0, noise=2e-4)
