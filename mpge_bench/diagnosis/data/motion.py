@@ -148,7 +148,7 @@ def motion_of(recordings: Sequence[Recording], rig: Rig, settings: DiagnosisSett
         middle = at[:, None] + (ends - at)[:, None] * (np.arange(count) + 0.5) / count
         row = np.clip(np.searchsorted(recording.time, middle.ravel(), side="right") - 1, 0, len(recording.time) - 1)
         u.append(fill(recording.u[row].reshape(len(at), count, -1)))
-        shaken.append(fill(recording.shakes()[row].reshape(len(at), count, -1).mean(1)))
+        shaken.append(fill(recording.shakes[row].reshape(len(at), count, -1).mean(1)))
         q, dq, _ = differentiate(recording, settings.data)
         state.append(fill(np.concatenate((q, dq), 1)[index]))
         measured.append(fill(np.concatenate((recording.q, recording.dq), 1)[index]))

@@ -6,6 +6,7 @@ import glob
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,7 @@ class Recording:
         shaken = None if self.shaken is None else self.shaken[chosen]
         return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen], beside, shaken)
 
+    @cached_property
     def shakes(self) -> Array:
         """Mean acceleration of the base from each row to the next, m/s², shape (rows, 3): straight between rows; nothing where none was recorded."""
         found = np.zeros((len(self.time), 3)) if self.shaken is None else self.shaken
@@ -113,9 +115,9 @@ def read_recording(path: Path, rig: Rig, settings: DataSettings = DEFAULT.data) 
     place = np.column_stack(q)
     if rig.model.floating:
         place = checked_pose(path, time, place, settings)
-    shaken = [values.get(column, nothing) for column in SHAKEN] if set(SHAKEN) & set(values) and not rig.model.floating else None
-    moved = None if shaken is None else np.column_stack(shaken)
-    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq), _beside(table, rig), moved)
+    is_shaken = set(SHAKEN) & set(values) and not rig.model.floating
+    shaken = np.column_stack([values.get(column, nothing) for column in SHAKEN]) if is_shaken else None
+    return Recording(path, time, np.reshape(u, (-1, len(time))).T, place, np.column_stack(dq), _beside(table, rig), shaken)
 
 
 def _needed(rig: Rig) -> list[str]:

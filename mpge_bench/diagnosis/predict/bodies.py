@@ -29,7 +29,7 @@ class BodyRegressor:
     """
 
     def __init__(self, linear: LinearisedSimulator, states: Array, accelerations: Array, shaken: Array) -> None:
-        self._linear, self._accelerations, self._shaken = linear, accelerations, shaken
+        self._linear, self._accelerations = linear, accelerations
         self._share = linear.rig.shaking(linear.base)
         tree = Tree(linear.model, linear.rig.joints)
         layout = linear.motion.layout
@@ -41,6 +41,8 @@ class BodyRegressor:
         # The torques of a unit of gravity along each axis; forces act as gravity on a unit mass at the link's centre of mass does.
         pulls = [tree.columns(q, still, still, unit) for unit in np.eye(3)]
         self._gravity = np.stack([sum(pull[link] @ self._base[link] for link in pull) for pull in pulls], -1)
+        # Gravity is as good as the base accelerating upwards.
+        self._spared = (self._gravity @ shaken[..., None])[..., 0]
         self._geometry = linear.model.geometry()
         self._known: Memory[tuple[Effect, ...], Array] = Memory(32)
         self._forces = {link: np.stack([-pull[link][..., :4] @ np.append(1.0, linear.model.inertial(link)[1]) for pull in pulls], -1) for link in self._columns}
@@ -57,8 +59,7 @@ class BodyRegressor:
         linear = self._linear
         rig = linear.rig
         model = rig.changed(effects)
-        # Gravity is as good as the base accelerating upwards.
-        added = (rig.shaking(effects) - self._share) * (self._gravity @ self._shaken[..., None])[..., 0]
+        added = (rig.shaking(effects) - self._share) * self._spared
         if not np.array_equal(model.geometry(), self._geometry):
             # Where joints are elsewhere, nothing is in proportion to the bodies' parameters as they are here.
             return np.asarray(added + self._whole - self._asked_by(model, rig.rotors(effects)))

@@ -80,7 +80,7 @@ class BulletPredictor:
         else:
             at = time[first] + (np.arange(int(np.ceil(until / dt - 1e-6))) + 0.5) * dt
             row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
-        q, dq = world.roll(recording.u[row], self._shaking * recording.shakes()[row] if self._shaking else None)
+        q, dq = world.roll(recording.u[row], self._shaking * recording.shakes[row] if self._shaking else None)
         path = np.concatenate((state[None], layout.state(q, dq)))
         if not np.isfinite(path).all() or np.abs(layout.dq(path)).max() > self._settings.unstable:
             raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in {self.rig.path}")
@@ -137,14 +137,14 @@ def rows_in_bullet(rig: Rig, bodies: Sequence[Effect], states: Array, torques: A
     Args:
         bodies: the effects that alter the rig's model.
         torques: N m, shape (rows, joints).
-        shaken: acceleration of the base, m/s², shape (rows, 3); it rests if not given.
+        shaken: acceleration of the base, m/s², shape (rows, 1, 3); it rests if not given.
     """
     layout = rig.layout
     world = replace(rig, nominal=()).world(bodies, timestep=step, substeps=count)
     result = np.empty_like(states)
     for row, (state, torque) in enumerate(zip(states, torques, strict=True)):
         world.set_state(layout.q(state), layout.dq(state))
-        result[row] = layout.state(*world.roll(torque[None], None if shaken is None else shaken[row, None]))[0]
+        result[row] = layout.state(*world.roll(torque[None], None if shaken is None else shaken[row]))[0]
     return result
 
 

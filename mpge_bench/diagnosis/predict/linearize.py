@@ -147,11 +147,10 @@ class LinearisedSimulator:
         bodies = [effect for effect in self.rig.chain(self.base) if effect.alters_model]
         moves = motion.valid(ahead=1)
         states, torques, share = motion.state[moves], self.delivered[moves], self.rig.shaking(self.base)
-        shaken = share * motion.shaken[moves] if share else None
+        shaken = share * motion.shaken[moves][:, None] if share else None
         result = motion.state.copy()
         try:
-            made, rows = steered(self._tree, step, bodies), None if shaken is None else shaken[:, None]
-            result[moves] = made.roll(states, torques[:, None], every=steps, unstable=np.inf, shaken=rows)[:, 1]
+            result[moves] = steered(self._tree, step, bodies).roll(states, torques[:, None], every=steps, unstable=np.inf, shaken=shaken)[:, 1]
         except NotCovered:
             result[moves] = rows_in_bullet(self.rig, bodies, states, torques, step, steps, shaken)
         return result

@@ -63,7 +63,7 @@ class SimulatedWindows:
         steps: dict[int, list[tuple[int, Array, Array, Array]]] = {}
         for window, (r, own) in enumerate(zip(recording, rows, strict=True)):
             every, path, place = self._stepped(recordings[r], own)
-            steps.setdefault(every, []).append((window, recordings[r].u[path], recordings[r].shakes()[path], place))
+            steps.setdefault(every, []).append((window, recordings[r].u[path], recordings[r].shakes[path], place))
         self._grids = [_grid(every, found) for every, found in sorted(steps.items())]
         # By the identity of the references, which are kept with it, so that no others can have it.
         self._warm: Memory[tuple[int, float], tuple[Sequence[Array], Warm]] = Memory(2)

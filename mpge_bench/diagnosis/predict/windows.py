@@ -109,7 +109,7 @@ class WindowPredictor:
             self.state = self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0]
             self.base_error = np.zeros_like(self.state)
         self.first = self.state[:, 0]
-        self._intervals = motion.intervals()[at, before]
+        self._intervals, self._shaken = motion.intervals()[at, before], motion.shaken[at, before]
         #: By the rows of warm-up: one without, one with the usual one, and perhaps longer ones.
         self._stretches: Memory[int, list[Array]] = Memory(4)
         self._moments: Memory[int, Array] = Memory(4)
@@ -191,9 +191,8 @@ class WindowPredictor:
         """What bodies ask for along the windows' motion."""
         layout = self.linear.motion.layout
         change = layout.minus(self.state[:, 1:], self.state[:, :-1])
-        at, rows = self.windows.recording[:, None], self.windows.start[:, None] + np.arange(self.windows.length)
         states, accelerations = (self.state[:, 1:] + self.state[:, :-1]) / 2, layout.ddx(change) / self._intervals[..., None]
-        return BodyRegressor(self.linear, states, accelerations, self.linear.motion.shaken[at, rows])
+        return BodyRegressor(self.linear, states, accelerations, self._shaken)
 
     @functools.cached_property
     def delivered(self) -> Array:

@@ -59,14 +59,14 @@ def test_what_is_written_is_read(rig: Rig, recording: Recording, tmp_path: Path,
 def test_what_the_base_does_is_read(rig: Rig, recording: Recording, tmp_path: Path) -> None:
     path, rows = tmp_path / "recording.csv", table(recording, rig)
     assert recording.shaken is None
-    assert not recording.shakes().any()
+    assert not recording.shakes.any()
     up = np.arange(len(rows), dtype=float)
     write_table(rows.assign(base_az=up), path)
     (found,) = read_recordings([path], rig)
     assert found.shaken is not None
     assert found.shaken[:, 2].tolist() == up.tolist()
     assert not found.shaken[:, :2].any()
-    assert found.shakes()[:-1, 2].tolist() == (up[:-1] + 0.5).tolist()
+    assert found.shakes[:-1, 2].tolist() == (up[:-1] + 0.5).tolist()
     assert found.rows(slice(5, 9)).shaken is not None
     assert dict(found.beside) == {}
     shaken = read_rig(write_rig(tmp_path, effects=[BaseAcceleration("world", 1.0).to_dict()]))

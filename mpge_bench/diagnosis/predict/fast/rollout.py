@@ -55,18 +55,7 @@ class Mechanism:
     tree: FlatTree
     program: Program
 
-    def roll(
-        self,
-        start: Array,
-        u: Array,
-        *,
-        every: int = 1,
-        unstable: float,
-        warm: Warm | None = None,
-        beside: Array | None = None,
-        since: Array | None = None,
-        shaken: Array | None = None,
-    ) -> Array:
+    def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, shaken: Array | None = None) -> Array:
         """The motion from each of `start` on; arguments as of `followed`.
 
         Returns:
@@ -75,7 +64,7 @@ class Mechanism:
         Raises:
             NotCovered: if a joint reaches an end stop.
         """
-        path, stopped = self.followed(start, u, every=every, unstable=unstable, warm=warm, beside=beside, since=since, shaken=shaken)
+        path, stopped = self.followed(start, u, every=every, unstable=unstable, shaken=shaken)
         if stopped.any():
             raise NotCovered("a joint reaches an end stop")
         return path
