@@ -35,12 +35,13 @@ ROUGHEST = 0.05
 KINDS = {"train_00": "sines", "train_01": "steps", "train_02": "closed", "train_03": "noise", "test_00": "sines", "test_01": "closed"}
 
 
-def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROWS) -> list[float]:
+def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROWS, given: str = "") -> list[float]:
     """Write one case; returns how far its effect can be seen, and the largest q and dq.
 
     Args:
         size: share of the usual motion's.
         rows: of each recording, at most.
+        given: kind of the commands of what may be read; those of `kinds_of` if none is.
 
     Raises:
         RuntimeError: if the simulation is unstable, or a joint goes round or trembles however little is asked of it.
@@ -59,7 +60,8 @@ def make(case: Case, out: Path, seed: int, *, size: float = 1.0, rows: int = ROW
     for k, (name, kind) in enumerate(kinds_of(rig).items()):
         part = name.split("_")[0]
         eyes = sensors.best() if part == "test" else sensors
-        read, off, most = _motion(rig, effects, eyes, "closed" if "closed" in case.options else kind, np.random.default_rng([*key, k]), size)
+        played = given if given and part == "train" else "closed" if "closed" in case.options else kind
+        read, off, most = _motion(rig, effects, eyes, played, np.random.default_rng([*key, k]), size)
         _write(folders[part] / f"{name}.csv", rig, eyes, read[:rows])
         errors.append(off)
         peaks.append(most)

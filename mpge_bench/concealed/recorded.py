@@ -11,6 +11,9 @@ import numpy as np
 from mpge_bench.concealed.laws import ACTUATOR, DRY, JOINT, Law
 from mpge_bench.concealed.mechanism import PERIOD, ROWS, SERVO_STEPS, STEPS, Array, Case, Effect, H, Rig, inverse_mass, neat
 
+#: Hz, of the single wave of a slow signal.
+SLOW = 0.3
+
 
 class Sensors:
     """What is recorded of the true motion."""
@@ -67,8 +70,10 @@ class Commands:
 
     @staticmethod
     def signal(kind: str, top: float, rng: np.random.Generator) -> Array:
-        """Ups and downs of about 1 at up to `top` Hz."""
+        """Ups and downs of about 1 at up to `top` Hz; slow ones are a single wave."""
         t = np.arange(ROWS) * PERIOD
+        if kind == "slow":
+            return np.asarray(np.sin(2 * math.pi * (t * SLOW + rng.uniform())))
         if kind == "steps":
             return rng.uniform(-1.2, 1.2, 100)[np.searchsorted(np.cumsum(rng.uniform(0.25, 1.0, 100)), t)]
         count = 16 if kind == "noise" else rng.integers(2, 5)

@@ -31,7 +31,7 @@ def simplest(trials: Trials) -> Model:
 def needed(trials: Trials, chosen: Model) -> Model:
     """`chosen` without what was picked up on the way and is needless now."""
     problem = trials.problem
-    chosen = _without_idle(trials, chosen)
+    chosen = without_idle(trials, chosen)
     # One of all joints was cut to what is needed when it was made, and would take minutes here.
     while len(chosen.effects) > 1 and trials.settings.are_few(chosen.effects) and not trials.cut_short("leaving out what is needless"):
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
@@ -47,17 +47,19 @@ def needed(trials: Trials, chosen: Model) -> Model:
     return chosen
 
 
-def _without_idle(trials: Trials, chosen: Model) -> Model:
+def without_idle(trials: Trials, chosen: Model) -> Model:
     """`chosen` without all that is idle at once, fitted from where it was: beside a formula most of what stood in for it on a dozen joints is.
+
+    Where all of it is, no effect is left.
 
     What does next to nothing may have led the others to parameters that they would not have come to without it.
     """
-    while not trials.cut_short("leaving out what is needless"):
+    while chosen.effects and not trials.cut_short("leaving out what is needless"):
         useless = list(idle(trials.problem, trials.problem.fitter(chosen.effects), chosen.effects))
         kept = [effect for effect in chosen.effects if effect not in useless]
-        if not useless or not kept:
+        if not useless:
             break
-        less = trials.add(trials.converged(*trials.polished([kept])[0])[0])
+        less = trials.add(trials.converged(*trials.polished([kept])[0])[0]) if kept else trials.nominal
         if all(means_something(trials.problem, effect) for effect in useless) and trials.is_better(less, chosen):
             break
         chosen = less

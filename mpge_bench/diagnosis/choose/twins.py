@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from mpge_bench.diagnosis.choose.simplest import without_idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.told import spanned, unit_length
@@ -173,10 +174,11 @@ class _Columns:
 
 
 def plainest(trials: Trials, chosen: Model) -> Model:
-    """Of `chosen` and the models that these recordings cannot tell from it, the plainest that predicts as well."""
+    """Of `chosen` and the models that these recordings cannot tell from it, the plainest that predicts as well; of no effect, where that one does nothing."""
     apart = trials.settings.apart
     near = [one for one in twins(trials, chosen) if one.distance < apart and plainness(one.effects[-1]) < min(map(plainness, one.replaced))]
-    return _first_as_good(trials, chosen, sorted(near, key=lambda one: plainness(one.effects[-1])), "the plainest of equals") or chosen
+    found = _first_as_good(trials, chosen, sorted(near, key=lambda one: plainness(one.effects[-1])), "the plainest of equals")
+    return without_idle(trials, found) if found else chosen
 
 
 def merged(trials: Trials, chosen: Model) -> Model:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.experiment.catalogue import in_one_unit, information, tried
-from mpge_bench.diagnosis.experiment.motions import Limits, Stated, limits_reached
+from mpge_bench.diagnosis.experiment.motions import Limits, Stated, holds, limits_reached
 from mpge_bench.diagnosis.experiment.rivals import Effects, Look, fitted, looked, products, surely
 from mpge_bench.diagnosis.experiment.settings import DEFAULT, ExperimentSettings
 from mpge_bench.diagnosis.fit.problem import Problem
@@ -56,8 +56,12 @@ def designed(
     wanted = list({key(one): one for one in rivals}.values())[: settings.models - 1]
     unknown = [one for one in wanted if key(one) not in known]
     known |= {key(one): one for one in workers.each(fitted, (problem,), unknown, bounds.end)} if unknown else {}
-    models = [effects, *(known[key(one)] for one in wanted if key(one) in known)]
-    looks = workers.each(looked, (problem, models, limits, _rows(problem, settings), settings.seed), range(settings.draws), bounds.end)
+    rows, others = _rows(problem, settings), [known[key(one)] for one in wanted if key(one) in known]
+    if holds(problem.rig, limits, rows[1], settings.seed, effects):
+        # A rival with which it leaves the limits though nothing is asked of it would leave no motion to hold the others against each other by.
+        others = [one for one in others if holds(problem.rig, limits, rows[1], settings.seed, one)]
+    models = [effects, *others]
+    looks = workers.each(looked, (problem, models, limits, rows, settings.seed), range(settings.draws), bounds.end)
     scale = max(1.0, choice.chosen.train) ** 0.5
     return _telling(problem, models, [one for one in looks if one is not None], limits, scale, workers, settings)
 

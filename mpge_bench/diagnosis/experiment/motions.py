@@ -133,6 +133,13 @@ def motion(
     return longest or None
 
 
+def holds(rig: Rig, limits: Limits, rows: int, seed: int, effects: Sequence[Effect]) -> bool:
+    """Whether `rig` with `effects` stays within the limits for so many `rows`, hardly anything being asked of it."""
+    rng = np.random.default_rng(seed)
+    signals = np.stack([_signal(rng, rows, rig.record_period) for _ in rig.joints], 1) * limits.command
+    return len(played(rig, _LESS**_TRIES * signals, effects, limits).q) == rows
+
+
 def _signal(rng: np.random.Generator, rows: int, period: float) -> Array:
     """Ups and downs, at most 1: a few waves, steps, or one wave that grows faster; each begins at 0."""
     time = period * np.arange(rows)

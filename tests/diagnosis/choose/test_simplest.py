@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
 from mpge_bench.diagnosis.choose.simplest import needed, simplest
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.twins import Twin, plainest
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import Armature, JointElasticity, Payload, SensorDelay
+from mpge_bench.envs.effects import Armature, Delay, JointElasticity, Payload, SensorDelay
 
 from ..conftest import posed
 
@@ -51,6 +53,19 @@ def test_what_is_needed_stays(trials: Trials) -> None:
     assert needed(trials, chosen) is chosen
     beside = as_it_is(trials.problem, (Armature("elbow", 0.02), Payload("upper", 1e-7, 0.2)))
     assert [effect.name for effect in needed(trials, beside).effects] == ["armature"]
+
+
+def test_an_answer_that_does_nothing_is_none(trials: Trials) -> None:
+    """Of faint air drag it was said that the motor acts 0 s late: that stood for a rotor, of which nothing told it."""
+    asked = posed(trials.problem.rig, Armature("elbow", 1e-7), seconds=3.0, noise=1e-4)
+    trials.begin(asked, nominal(asked))
+    assert needed(trials, as_it_is(asked, (Delay("elbow", 0.0),))) is trials.nominal
+    rotor = trials.add(as_it_is(asked, (Armature("elbow", 1e-7),)))
+    near = [Twin((Delay("elbow", 0.0),), rotor.effects, 0.0, 0.0)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(twins_module, "twins", lambda *_: near)
+        patch.setattr(twins_module, "plainness", lambda effect: (effect.name != "delay",))
+        assert plainest(trials, rotor) is trials.nominal
 
 
 def test_what_validation_windows_do_not_show_is_told_by_the_others(trials: Trials) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.experiment.motions import Limits, Stated, _stepped, commanded, limits_reached, motion, played
+from mpge_bench.diagnosis.experiment.motions import Limits, Stated, _stepped, commanded, holds, limits_reached, motion, played
 from mpge_bench.envs.effects import CoulombFriction, Delay, Gravity, SensorBias, SensorDelay, TorqueBias, TorqueGain
 
 from ..conftest import record, write_case, write_rig
@@ -45,6 +45,11 @@ def test_what_goes_beyond_the_limits_however_little_is_asked_is_cut_short(pendul
     assert found is not None
     assert 20 <= len(found[0].q) == len(found[1].q) == len(found[0].commands) < 400
     assert np.abs(found[1].q).max() <= 0.5
+
+
+def test_a_model_that_falls_over_though_nothing_is_asked_of_it_does_not_hold(pendulum: Rig) -> None:
+    assert holds(pendulum, LIMITS, 200, 0, ())
+    assert not holds(pendulum, LIMITS, 200, 0, (Gravity("world", (1.0, 0.0, 9.6)),))
 
 
 def test_what_sensors_tell_is_kept_beside_the_truth(pendulum: Rig) -> None:
