@@ -109,7 +109,7 @@ def table(out: Annotated[Path, typer.Option(help="Folder of `run`.")] = Path("ru
         if len(some):
             figures = [f"{kind} {measure} {_share(some, f'{kind}_{measure}')}" for measure in ("one", "class") for kind in ("designed", "random")]
             _console.print(f"{name} ({len(some)}): {'; '.join(figures)}", markup=False, soft_wrap=True)
-    _console.print("one: one answer is left, the true one; class: the true one is left with none but those that no motion was said to tell from it")
+    _console.print("one: one answer is left, the true one; class: the true one is left with none but those that the motion was not said to tell from it")
 
 
 def _share(rows: pd.DataFrame, column: str) -> str:
@@ -146,7 +146,8 @@ def studied(seed: int, index: int, out: Path) -> dict[str, Any]:
     if said_of is None:
         return row | {"outcome": "no design was tried"}
     classes = [len(one) for one in said_of["classes"]]
-    kind = "no motion" if not said_of["tried"] else "none" if not said_of["seconds"] else "all" if max(classes) == 1 else "some"
+    every = max(classes, default=0) == 1 and not said_of["staying"]
+    kind = "no motion" if not said_of["tried"] else "none" if not said_of["seconds"] else "all" if every else "some"
     row |= {"outcome": "ambiguous", "designed": kind, "apart": said_of["apart"], "classes": json.dumps(said_of["classes"])}
     if not said_of["seconds"]:
         return row
@@ -155,7 +156,7 @@ def studied(seed: int, index: int, out: Path) -> dict[str, Any]:
     commands["random"] = _random(given / "first" / "corrected.yaml", said_of["limits"], said_of["seconds"])
     for name, one in commands.items():
         if one is not None:
-            row |= _again(case, seed, given, name, one, said_of["classes"])
+            row |= _again(case, seed, given, name, one, [[*each, *said_of["staying"]] for each in said_of["classes"]])
     return row
 
 

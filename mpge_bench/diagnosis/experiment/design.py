@@ -107,25 +107,44 @@ def _telling(
         # What is one with the answer is one with all else that is.
         alike |= lost
         told &= np.array([not {*pair} <= alike for pair in pairs])
-    classes = _classes(len(models), [pair for pair, is_told in zip(pairs, told, strict=True) if not is_told])
+    classes, between = _parted(len(models), [pair for pair, is_told in zip(pairs, told, strict=True) if not is_told])
     names = _names(models)
     named = tuple(tuple(names[one] for one in each) for each in classes)
-    said = NextExperiment("rivals", len(looks), classes=named, limits=_said(problem, limits), settings=dataclasses.asdict(settings))
+    staying = tuple(names[one] for one in between)
+    said = NextExperiment("rivals", len(looks), classes=named, staying=staying, limits=_said(problem, limits), settings=dataclasses.asdict(settings))
     if len(classes) == 1:
         return Design(said)
-    apart = [(one, other) for one, other in pairs if not any({one, other} <= {*each} for each in classes)]
+    apart = [(one, other) for one, other in pairs if not {one, other} & {*between} and not any({one, other} <= {*each} for each in classes)]
     nearest = min(float(distances[best, pairs.index(pair)]) for pair in apart)
     shown = _shown(problem, names, looks[best], apart)
     commands = looks[best].played[0].commands
     return Design(dataclasses.replace(said, seconds=len(commands) * problem.rig.record_period, apart=nearest, **shown), commands)
 
 
-def _classes(count: int, alike: Sequence[Pair]) -> list[list[int]]:
-    """Models, 0 to `count`, in classes of those that pairs which are `alike` lead from one to the other."""
-    found = list(range(count))
+def _parted(count: int, alike: Sequence[Pair]) -> tuple[list[list[int]], list[int]]:
+    """Models, 0 to `count`, in classes, number 0's first, and those set aside that would make one class of all though some are told from number 0.
+
+    A load is alike a denser link and, elsewhere, a shifted centre of mass; which of these it is a motion may tell, and not whether it is one of them or a load.
+    """
+    rest, between = list(range(count)), list[int]()
+    classes = _classes(rest, alike)
+    is_told = any((0, other) not in alike for other in rest[1:])
+    while is_told and len(classes) == 1:
+        between.append(max(rest[1:], key=lambda one: sum(one in pair and {*pair} <= {*rest} for pair in alike)))
+        rest.remove(between[-1])
+        if all((0, other) in alike for other in rest[1:]):
+            return _classes(list(range(count)), alike), []
+        classes = _classes(rest, alike)
+    return classes, between
+
+
+def _classes(models: Sequence[int], alike: Sequence[Pair]) -> list[list[int]]:
+    """Models in classes of those that pairs which are `alike` lead from one to the other."""
+    found = {one: one for one in models}
     for one, other in alike:
-        found = [found[one] if own == found[other] else own for own in found]
-    return [[index for index in range(count) if found[index] == own] for own in dict.fromkeys(found)]
+        if one in found and other in found:
+            found = {index: found[one] if own == found[other] else own for index, own in found.items()}
+    return [[index for index, own in found.items() if own == each] for each in dict.fromkeys(found.values())]
 
 
 def _names(models: Sequence[Effects]) -> list[str]:

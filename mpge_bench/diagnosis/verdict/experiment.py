@@ -27,6 +27,7 @@ class NextExperiment:
         tried: motions that stay within the limits.
         seconds: that it lasts; 0 where no motion within the limits tells anything.
         classes: of rivals, the answer's first; those of one class no motion within the limits tells apart.
+        staying: rivals that are in no class, since they are alike models of two, and may be left whichever of these is.
         apart: least distance between models of two classes, each at its best for old and new recordings together, standard deviations of the noise.
         joint, time, unit: where and when (s) models of two classes predict the farthest apart; the unit of positions.
         noises: how far that is, in standard deviations of a reading's noise.
@@ -39,6 +40,7 @@ class NextExperiment:
     tried: int
     seconds: float = 0.0
     classes: tuple[tuple[str, ...], ...] = ()
+    staying: tuple[str, ...] = ()
     apart: float | None = None
     joint: str = ""
     time: float | None = None
@@ -58,6 +60,7 @@ class NextExperiment:
     def lines(self) -> tuple[str, ...]:
         """For people."""
         alike = [f"No motion that was found within the limits tells {_or(one)} apart." for one in self.classes if len(one) > 1]
+        alike += [f"{one} may stay beside whichever is left." for one in self.staying]
         if not self.tried:
             return ("Next experiment: none, as no motion from rest at 0 was found within the limits.",)
         if self.purpose == "too_little_data":
@@ -81,7 +84,8 @@ class NextExperiment:
         """What `to_json` gave."""
         plain = {name: value for name, value in data.items() if name != "file"}
         predictions = tuple(Foretold(**one) for one in data["predictions"])
-        return cls(**{**plain, "classes": tuple(tuple(one) for one in data["classes"]), "predictions": predictions})
+        named = {"classes": tuple(tuple(one) for one in data["classes"]), "staying": tuple(data.get("staying", ()))}
+        return cls(**{**plain, **named, "predictions": predictions})
 
 
 def _or(models: tuple[str, ...]) -> str:

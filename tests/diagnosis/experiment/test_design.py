@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from mpge_bench.diagnosis.data.rig import read_rig
-from mpge_bench.diagnosis.experiment.design import _classes, _names
+from mpge_bench.diagnosis.experiment.design import _names, _parted
 from mpge_bench.diagnosis.experiment.motions import played
 from mpge_bench.diagnosis.experiment.settings import DEFAULT
 from mpge_bench.envs.effects import Armature, CoulombFriction, Delay, Effect, Lag, ViscousFriction
@@ -82,9 +82,15 @@ def test_nothing_is_asked_for_where_nothing_is_open(tmp_path: Path, in_process: 
 
 
 def test_what_is_alike_in_turn_is_one_class() -> None:
-    assert _classes(4, []) == [[0], [1], [2], [3]]
-    assert _classes(4, [(1, 2)]) == [[0], [1, 2], [3]]
-    assert _classes(4, [(0, 2), (2, 3)]) == [[0, 2, 3], [1]]
+    assert _parted(4, []) == ([[0], [1], [2], [3]], [])
+    assert _parted(4, [(1, 2)]) == ([[0], [1, 2], [3]], [])
+    assert _parted(4, [(0, 1), (0, 2), (0, 3)]) == ([[0, 1, 2, 3]], [])
+
+
+def test_what_is_alike_both_sides_stands_between_them() -> None:
+    """A load is a denser link or, elsewhere, a shifted centre of mass; it was said that no motion told any of them."""
+    assert _parted(3, [(0, 1), (1, 2)]) == ([[0], [2]], [1])
+    assert _parted(5, [(0, 1), (1, 2), (1, 3), (3, 4), (2, 3), (2, 4)]) == ([[0], [2, 3, 4]], [1])
 
 
 def test_models_are_called_by_what_not_all_of_them_have() -> None:
