@@ -127,8 +127,9 @@ def record(
     feedback: bool,
     seconds: float = SECONDS,
     effects: Sequence[Effect] = (),
+    pace: float = 0.0,
 ) -> None:
-    """Drive the rig, changed by `effects`, for `seconds` and write what its sensors read."""
+    """Drive the rig, changed by `effects`, for `seconds` and write what its sensors read; with feedback at a `pace` of so many rad/s, if it is given."""
     n = len(rig.joints)
     world = rig.world(effects, substeps=round(PERIOD / rig.timestep))
     rows = round(seconds / PERIOD)
@@ -137,6 +138,10 @@ def record(
     world.set_state(np.where(passive, rng.uniform(-1.2, 1.2, n), rng.uniform(-0.5, 0.5, n)), np.zeros(n))
     # About what it takes to hold each joint level.
     size = np.maximum(np.abs(world.inverse_dynamics([np.pi / 2] * n, [0.0] * n, [0.0] * n)), 0.1) * rng.uniform(0.3, 0.8)
+    stiffness, damping = 2 * size, 0.3 * size
+    if pace:
+        inertia = np.array([world.inertia_of(joint) for joint in rig.joints])
+        stiffness, damping = inertia * pace**2, 2 * inertia * pace
     wish = [_signal(rng, seconds) for _ in range(n)]
     data = np.empty((rows, 1 + 3 * n))
     for row in range(rows):
@@ -145,7 +150,7 @@ def record(
         if encoder:
             q = np.round(world.q / encoder) * encoder
         wanted = np.array([signal(time) for signal in wish])
-        u = np.where(servo, 0.5 * wanted, size * (2 * (wanted - q) - 0.3 * dq) if feedback else size * wanted)
+        u = np.where(servo, 0.5 * wanted, stiffness * (wanted - q) - damping * dq if feedback else size * wanted)
         u = np.where(passive, 0.0, u)
         data[row] = np.concatenate(([time], u, q, dq))
         world.step(u.tolist())

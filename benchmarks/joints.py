@@ -35,6 +35,8 @@ LEG = (("1 0 0", 0.08, 0.7), ("0 1 0", 0.2, 1.0), ("0 1 0", 0.2, 0.3))
 #: Of an arm.
 ARM = (("0 0 1", 0.2, 2.0), ("0 1 0", 0.25, 1.5), ("0 0 1", 0.15, 1.2), ("0 1 0", 0.25, 1.0), ("0 0 1", 0.1, 0.8), ("0 1 0", 0.15, 0.6), ("0 0 1", 0.1, 0.4))
 HIDDEN, NOISE, RECORDINGS = 0.2, 3e-4, 4
+#: rad/s, of the controllers: by joints' weights alone an arm of seven whirled.
+PACE = 6.0
 
 
 def main() -> None:
@@ -86,7 +88,7 @@ def make(count: int, seconds: float, folder: Path) -> None:
     rig = read_rig(folder / "rig.yaml")
     real, hidden = replace(rig, timestep=TIMESTEP / 2), [ViscousFriction(joints[-1], HIDDEN)]
     for number in range(RECORDINGS):
-        record(real, rng, folder / f"train_{number}.csv", NOISE, 0.0, velocities=True, feedback=True, seconds=seconds, effects=hidden)
+        record(real, rng, folder / f"train_{number}.csv", NOISE, 0.0, velocities=True, feedback=True, seconds=seconds, effects=hidden, pace=PACE)
 
 
 def urdf(count: int) -> str:
