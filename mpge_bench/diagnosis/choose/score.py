@@ -111,7 +111,9 @@ def _beyond_plainer(predictor: WindowPredictor, effect: Effect, effects: Sequenc
     for name in effect.contains:
         parameter, bounds = next(iter(CATALOGUE[name].parameters.items()))
         kin = torques(rig.joined(others, effect_from_dict({"effect": name, "target": effect.target, parameter: 1.0}))) - without
-        size = (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
+        # Of what does nothing but for rounding no amount makes up for anything.
+        best = (added * kin).sum() / max(float((kin**2).sum()), 1e-300)
+        size = float(np.clip(best, bounds.low, bounds.high))
         added = added - size * kin
-        others = rig.joined(others, effect_from_dict({"effect": name, "target": effect.target, parameter: max(float(size), bounds.low)}))
+        others = rig.joined(others, effect_from_dict({"effect": name, "target": effect.target, parameter: size}))
     return added, others

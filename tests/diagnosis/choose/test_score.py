@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,13 +11,13 @@ import pytest
 
 from mpge_bench.diagnosis.choose.score import gain, is_better, weighed
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Armature, TorqueGain
+from mpge_bench.envs.effects import Armature, JointOrigin, LinkLength, TorqueGain
 
-from ..conftest import posed
+from ..conftest import posed, write_rig
 
 WINDOWS = 40
 PROBLEM: Any = SimpleNamespace(settings=DEFAULT, validation=np.arange(WINDOWS) >= 30)
@@ -93,3 +94,15 @@ def test_what_acts_on_a_motor_is_weighed_by_what_the_motor_delivers(rig: Rig) ->
 def test_work_comes_back_in_its_order() -> None:
     with Workers(1) as workers:
         assert workers.each(divmod, (17,), [2, 3, 4]) == [(8, 1), (5, 2), (4, 1)]
+
+
+def test_what_contains_something_plainer_that_does_nothing_is_weighed_by_itself(tmp_path: Path) -> None:
+    """An arm that turns about its own length is none the wiser for a longer one: 40 million km of it, out of rounding, ended a diagnosis of seven joints."""
+    path = write_rig(tmp_path)
+    text = (tmp_path / "arm.urdf").read_text()
+    (tmp_path / "arm.urdf").write_text(text.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 1"/>', 1))
+    asked = posed(read_rig(path), seconds=1.0)
+    moved = JointOrigin("elbow", x=0.02)
+    share, others = weighed(asked, asked.fitter([moved]).predictor, moved, [moved])
+    assert share > 1e-3
+    assert all(abs(other.longer) <= 10 for other in others if isinstance(other, LinkLength))
