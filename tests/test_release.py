@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import configparser
 import json
 import os
 import shutil
@@ -12,6 +13,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 #: Beside the package, what a source archive holds of the project.
@@ -97,3 +99,13 @@ def test_an_installed_wheel_runs_the_readmes_first_commands_in_an_empty_folder(r
     (result,) = here.rglob("result.json")
     assert json.loads(result.read_text())["commit"] is None
     assert sorted(path.name for path in here.iterdir()) == ["predicted.csv", "recordings", "runs"]
+
+
+def test_what_to_cite_is_said() -> None:
+    """The file was empty once."""
+    said = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    settings = configparser.ConfigParser()
+    settings.read(ROOT / "setup.cfg")
+    assert {"cff-version", "title", "message", "authors"} <= set(said)
+    assert said["version"] == settings["metadata"]["version"]
+    assert said["license"] == settings["metadata"]["license"]

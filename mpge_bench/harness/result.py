@@ -15,6 +15,8 @@ from mpge_bench.form import check
 SCHEMA = "mpge_bench/run/2"
 #: Written before references, fingerprints and access were settled; their figures do not compare with today's.
 OLD_SCHEMAS = ("mpge_bench/run/1",)
+#: Ends the name of the folder that takes a run's files until all are there.
+PARTIAL = ".partial"
 _WHAT, _ADVICE = "result file", "remove it and run again"
 #: `Returns`, as `misfits` takes it.
 RETURNS = {"mean": "number", "std": "number", "episodes": "count above 0"}
@@ -48,6 +50,11 @@ _EXCHANGEABLE = "target_policies"
 
 class OldResultError(UserError):
     """A result of an earlier protocol."""
+
+
+def files_under(folder: Path) -> list[Path]:
+    """The result files found anywhere under `folder`, in order, but those of runs that are not done."""
+    return [path for path in sorted(folder.rglob("result.json")) if not any(part.endswith(PARTIAL) for part in path.relative_to(folder).parts)]
 
 
 def read_result(path: Path) -> dict[str, Any]:

@@ -43,7 +43,7 @@ from mpge_bench.harness.metrics import (
     transition_error,
 )
 from mpge_bench.harness.references import References, probe, references
-from mpge_bench.harness.result import SCHEMA, normalized_return, read_result
+from mpge_bench.harness.result import PARTIAL, SCHEMA, normalized_return, read_result
 from mpge_bench.provenance import commit
 
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -113,7 +113,7 @@ class RunSettings:
     def partial(self, out: Path) -> Path:
         """The folder that takes the files until all are there."""
         folder = self.folder(out)
-        return folder.with_name(folder.name + ".partial")
+        return folder.with_name(folder.name + PARTIAL)
 
 
 @functools.cache

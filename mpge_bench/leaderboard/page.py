@@ -12,7 +12,7 @@ from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
 from mpge_bench.harness.perfect import STORE, perfect_text
 from mpge_bench.harness.references import plain
-from mpge_bench.harness.result import read_result, renormalized, write_result
+from mpge_bench.harness.result import files_under, read_result, renormalized, write_result
 from mpge_bench.leaderboard.plots import draw, pictures
 from mpge_bench.leaderboard.results import ORACLE, collect, perfect, sections
 from mpge_bench.leaderboard.tables import section_sheets
@@ -67,7 +67,7 @@ def update(places: Places) -> list[Path]:
 
 def _renormalize(results: Path) -> None:
     """Hold the results of shipped pairs against today's references: where J* has been bettered since, their normalised returns are too large."""
-    for path in sorted(results.rglob("result.json")):
+    for path in files_under(results):
         result = read_result(path)
         kept = _POLICIES / result["task"] / "references.json"
         if kept.exists():

@@ -14,7 +14,7 @@ import pandas as pd
 from mpge_bench.envs import stated_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.perfect import Perfect
-from mpge_bench.harness.result import OldResultError, read_result
+from mpge_bench.harness.result import OldResultError, files_under, read_result
 from mpge_bench.leaderboard.estimates import Estimate, Scores, improvements, interquartile_mean
 
 #: Percentages of the target budget at which MULTIPOLAR reports.
@@ -38,11 +38,11 @@ def collect(folder: Path) -> pd.DataFrame:
 
     Raises:
         UserError: if results are of an earlier protocol, or results of one pair were made with different physics, or
-            runs of one method and variant with different settings.
+            runs of one method and variant with different settings, or one run is there more than once.
     """
     rows: list[dict[str, Any]] = []
     old: list[Path] = []
-    for path in sorted(folder.rglob("result.json")):
+    for path in files_under(folder):
         try:
             result = read_result(path)
         except OldResultError:
@@ -61,6 +61,7 @@ def collect(folder: Path) -> pd.DataFrame:
     if len(found):
         _check_physics(found)
         _check_settings(found)
+        _check_once(found)
     return found
 
 
@@ -135,6 +136,14 @@ def _check_settings(found: pd.DataFrame) -> None:
         key = min(set(alike[0][0]) ^ set(alike[1][0]))[0]
         each = "; ".join(f"{_runs(runs)} ({key} {dict(settings).get(key, 'not there')})" for settings, runs in alike)
         raise UserError(f"results of {group['task'].iloc[0]} differ in their settings and are no runs of one method: {each}; remove those of the older preset")
+
+
+def _check_once(found: pd.DataFrame) -> None:
+    """Raise a UserError where one run is there more than once: copies are no further seeds."""
+    for _, group in found.groupby(["task", "address", "method", "samples", "variant", "seed"]):
+        if len(group) > 1:
+            places = " and ".join(group["folder"])
+            raise UserError(f"one run of {group['task'].iloc[0]}, {_runs(group[:1])}, is there {len(group)} times, in {places}; remove all but one")
 
 
 def _runs(found: pd.DataFrame) -> str:

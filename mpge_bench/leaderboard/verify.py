@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,10 @@ from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.reading import reading
 from mpge_bench.form import misfits
 from mpge_bench.harness.metrics import action_transformation_error
-from mpge_bench.harness.result import FORM, normalized_return, read_result, unchecked_result
+from mpge_bench.harness.references import path_of, plain
+from mpge_bench.harness.result import FORM, files_under, normalized_return, read_result, unchecked_result
 from mpge_bench.harness.run import checked_policy
+from mpge_bench.policies import FOLDER
 
 #: Episodes that no run was measured on: the harness has `SEED`, the choice of an oracle the one after it.
 FRESH = SEED + 2
@@ -94,7 +96,7 @@ def results_in(paths: list[Path]) -> list[Path]:
     """
     found: dict[Path, None] = {}
     for path in paths:
-        below = [path] if path.is_file() else sorted(path.rglob("result.json"))
+        below = [path] if path.is_file() else files_under(path)
         if not below:
             raise UserError(f"{path}: no result.json there; give a result file, or a folder with results below it")
         found |= dict.fromkeys(below)
@@ -121,12 +123,31 @@ def faults(path: Path) -> list[str]:
     if not _same(normalized, data["normalized_return"]):
         wrong.append(f"normalized_return: is {data['normalized_return']}, and {normalized} by its returns")
     try:
-        today = stated_task(data["address"]).fingerprints()
+        task = stated_task(data["address"])
+        today = task.fingerprints()
     except UserError as error:
         return [*wrong, f"address: {one_line(error)}"]
     if today != data["fingerprints"]:
         wrong.append(f"fingerprints: {data['fingerprints']}, of other physics than today's {today}; run it again")
-    return wrong
+    return [*wrong, *_of_another_pair(data, task)]
+
+
+def _of_another_pair(data: Mapping[str, Any], task: Task) -> Iterator[str]:
+    """Where a result says of its pair, or of what it is held against, what is not so of `task`, a line each."""
+    if data["task"] != task.name:
+        yield f"task: is {data['task']}, and {task.name} by its address"
+    for name, own in (("name", task.name), ("track", task.track), ("development", task.development)):
+        if data["pair"][name] != own:
+            yield f"pair.{name}: is {data['pair'][name]}, and {own} of {task.name}"
+    shipped = path_of(task, FOLDER)
+    if not shipped.exists():
+        return
+    known = plain(shipped)
+    if data["references"] != known["made_from"]:
+        yield "references: of other policies or physics than the shipped ones; run it again"
+    for name in ("direct", "optimal"):
+        if data["returns"][name] != known[name]:
+            yield f"returns.{name}: is {data['returns'][name]}, and {known[name]} by the shipped references"
 
 
 def _same(one: float | None, other: float | None) -> bool:

@@ -53,6 +53,20 @@ def test_the_physics_of_a_shipped_pair_is_that_of_its_task():
     assert results.todays_physics("nowhere.yaml") is None
 
 
+def test_a_run_that_is_there_twice_is_no_further_seed(tmp_path, write_result):
+    for name in ("a", "b"):
+        write_result(tmp_path / name / "result.json", 0.5, method="m", seed=3)
+    with pytest.raises(UserError, match=r"m/n10/smoke/seed3, is there 2 times, in .*a and .*b; remove all but one"):
+        collect(tmp_path)
+
+
+def test_what_a_killed_run_left_is_no_result(tmp_path, write_result):
+    write_result(tmp_path / "seed0/result.json", 0.5)
+    (tmp_path / "seed1.partial").mkdir()
+    (tmp_path / "seed1.partial" / "result.json").write_text("{")
+    assert len(collect(tmp_path)) == 1
+
+
 def test_results_of_an_earlier_protocol_are_named_in_one_line(tmp_path, write_result):
     write_result(tmp_path / "new/result.json", 0.5)
     for name in ("b", "a"):

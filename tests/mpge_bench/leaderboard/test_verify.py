@@ -50,6 +50,8 @@ def test_figures_that_the_policy_does_not_have_are_found_out(result):
     [
         ({"fingerprints": {"robot": "aa", "pair": "bb"}}, "fingerprints: .*of other physics than today's"),
         ({"normalized_return": 2.0}, "normalized_return: is 2.0, and .* by its returns"),
+        ({"task": "broken_hopper"}, "task: is broken_hopper, and biased_pendulum by its address"),
+        ({"references": {"robot": "aa"}}, "references: of other policies or physics than the shipped ones"),
         ({"target_samples": 1200}, "target_samples: 1200 were drawn of a budget of 1000"),
         ({"returns": {"policy": {"mean": 1.0}}}, r"returns.policy.std: is missing; there is to be a number"),
         ({"returns": 3}, r"returns: is 3, where there is to be a mapping"),
@@ -66,6 +68,17 @@ def test_what_is_wrong_with_a_file_is_said_in_a_line_each(result, changes, says)
     assert all(len(one.splitlines()) == 1 for one in found)
 
 
+def test_references_and_pair_are_held_against_the_shipped_ones(result):
+    """A result with a J* of its own, and a normalised return that went with it, was found in order."""
+    data = json.loads(result.read_text())
+    policy, direct = (data["returns"][name]["mean"] for name in ("policy", "direct"))
+    data["returns"]["optimal"]["mean"] = direct + (policy - direct) / 2
+    data["normalized_return"] = 2.0
+    data["pair"]["development"] = False
+    result.write_text(json.dumps(data))
+    assert [one.partition(":")[0] for one in faults(result)] == ["pair.development", "returns.optimal"]
+
+
 def test_files_that_are_not_there_are_named(result):
     (result.parent / "policy.safetensors").unlink()
     assert faults(result) == ["policy: there is no policy.safetensors beside it"]
@@ -79,6 +92,7 @@ def test_a_policy_of_another_robot_is_refused_in_a_line(result):
 
 
 def test_results_are_found_below_folders(result, tmp_path):
+    shutil.copytree(result.parent, tmp_path / "seed2.partial")  # of a run that was killed
     assert results_in([tmp_path, result]) == [result]
     (tmp_path / "empty").mkdir()
     with pytest.raises(UserError, match=r"no result\.json there"):
