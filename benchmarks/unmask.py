@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,6 +21,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from mpge_bench.cores import cores
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.diagnosis.transitions.fit import description
@@ -46,7 +46,7 @@ def run(
     samples: int = 1000,
     seed: int = 0,
     seconds: float = 180.0,
-    jobs: int = os.cpu_count() or 1,
+    jobs: int = cores(),
     nothing: Annotated[bool, typer.Option("--nothing", help="The source in the place of the target.")] = False,
 ) -> None:
     """Diagnose pairs, one after another."""

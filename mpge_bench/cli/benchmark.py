@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +11,7 @@ from rich.table import Table
 from mpge_bench import completion
 from mpge_bench.cli.shared import JSON_HELP, NOISE_HELP, POLICIES_HELP, TASK_HELP, print_sheets
 from mpge_bench.console import console
+from mpge_bench.cores import cores
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
@@ -45,7 +45,7 @@ def run(
     config: Annotated[Path | None, typer.Option(help=_CONFIG_HELP)] = None,
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=POLICIES_HELP)] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = cores(),
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json, and the folder that it is in, for programs, and nothing else.")] = False,
 ) -> None:
     """Run one method on one pair, measure it and print what came out.
@@ -102,7 +102,7 @@ def sweep(
     config: Annotated[Path | None, typer.Option(help="YAML file that says what to run; a flag goes before what the file says.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("runs"),
     policies: Annotated[Path | None, typer.Option(help=POLICIES_HELP)] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Runs side by side, one process each.")] = cores(),
     engine: Annotated[str, typer.Option(help="local: processes of this machine; ray: Ray's (the extra called ray).")] = "local",
     address: Annotated[str | None, typer.Option(help="With --engine ray: a cluster, all of whose cores are used. Its machines have to share OUT.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
@@ -168,7 +168,7 @@ def train_policies(
     ] = "both",
     out: Annotated[Path | None, typer.Option(help="Folder for the policies, if not the shipped ones' own.")] = None,
     force: Annotated[bool, typer.Option(help="Train those that are there already, too.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Policies trained side by side, one process each.")] = cores(),
 ) -> None:
     """Train the five source policies of the pair's robot and the three target-optimal policies of the pair, each with its card, and measure its references.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +13,7 @@ from rich.table import Table
 from mpge_bench import completion
 from mpge_bench.cli.shared import JSON_HELP, POLICIES_HELP, TASK_HELP
 from mpge_bench.console import console
+from mpge_bench.cores import cores
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
@@ -59,7 +59,7 @@ def diagnose(
         float | None,
         typer.Option(min=1e-6, help="The same: largest command, N m or N. [default of all three: 1.5 times what the recordings reached, within the effort]"),
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = cores(),
     policies: Annotated[Path | None, typer.Option(help=POLICIES_HELP)] = None,
 ) -> None:
     """Say where simulator and recordings disagree, what physics was left out, and how much better the simulator gets with it.
@@ -142,7 +142,7 @@ def excite(
     recordings: Annotated[int, typer.Option(min=1, help="How many.")] = 4,
     draws: Annotated[int, typer.Option(min=1, help="Motions that are tried.")] = 60,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = os.cpu_count() or 1,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes to use.")] = cores(),
     as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
 ) -> None:
     """Design commands for your robot to play, so that what is recorded tells the effects of the catalogue, and tells them apart.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +10,7 @@ import typer
 from rich.table import Table
 
 from mpge_bench.console import console
+from mpge_bench.cores import cores
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
 
@@ -19,7 +19,7 @@ app = typer.Typer(
     " recordings (spike).",
     no_args_is_help=True,
 )
-_JOBS = os.cpu_count() or 1
+_JOBS = cores()
 
 
 @app.command()
