@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from mpge_bench import completion
-from mpge_bench.cli.shared import JSON_HELP, NOISE_HELP, POLICIES_HELP, TASK_HELP, print_sheets
+from mpge_bench.cli.shared import JSON_HELP, NOISE_HELP, POLICIES_HELP, TASK_HELP, print_sheets, refuse
 from mpge_bench.console import console
 from mpge_bench.cores import cores
 from mpge_bench.envs import get_task
@@ -33,6 +33,7 @@ _CONFIG_HELP = (
 
 @app.command()
 def run(
+    context: typer.Context,
     task: Annotated[str, typer.Option(help=TASK_HELP, autocompletion=completion.tasks)] = "broken_hopper",
     method: Annotated[str, typer.Option(help=_METHOD_HELP, autocompletion=completion.methods)] = "mpge",
     samples: Annotated[int, typer.Option(min=1, help="Target transitions the method may collect.")] = 1000,
@@ -65,6 +66,7 @@ def run(
     from mpge_bench.policies import home
 
     if config:
+        refuse(context, "samples", "preset", "seed", "changes", "rollouts", "divergence", "noise", because="where --config says all of the run")
         settings, chosen = harness.stored_run(config, (task, method))
         task = settings.task
     else:

@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from mpge_bench import completion
-from mpge_bench.cli.shared import JSON_HELP, POLICIES_HELP, TASK_HELP
+from mpge_bench.cli.shared import JSON_HELP, POLICIES_HELP, TASK_HELP, refuse
 from mpge_bench.console import console
 from mpge_bench.cores import cores
 from mpge_bench.envs import get_task
@@ -23,6 +23,7 @@ app = typer.Typer()
 
 @app.command()
 def diagnose(
+    context: typer.Context,
     folder: Annotated[Path | None, typer.Argument(help="With rig.yaml and recordings (*.csv, *.parquet) in it, all of which are taken.")] = None,
     rig: Annotated[Path | None, typer.Option(help="In its place: what the simulator believes, a rig in YAML (docs/recordings.md).")] = None,
     recording: Annotated[
@@ -80,8 +81,12 @@ def diagnose(
     if len(set(given)) != 1 or given == ["files"]:
         raise UserError("diagnose takes a folder, or --rig and --recording, or --task; give one of the three (--help has examples)")
     if task is not None:
+        refuse(context, "horizon", "position", "speed", "command", because="where --task has transitions and no recordings")
+        if transitions is not None:
+            refuse(context, "samples", because="where --transitions has them")
         _diagnose_pair(task, samples, noise, seed, transitions, out, 300.0 if seconds is None else seconds, jobs, policies)
         return
+    refuse(context, "samples", "noise", "seed", "transitions", "policies", because="where recordings are given and no --task")
     from mpge_bench.console import ConsoleProgress
     from mpge_bench.diagnosis.data.rig import read_rig
     from mpge_bench.diagnosis.experiment.motions import Stated

@@ -261,3 +261,20 @@ def test_a_pair_of_ones_own_that_is_not_right(tmp_path, refused):
     assert "no joint 'knee'" in err
     pair.write_text("robot: hopper\neffects:\n  - {effect: torque_gain, target: leg_joint, gain: 7}\n")
     assert "gain = 7 1 is outside [0, 5]" in refused("tasks", pair)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("run", "--config", "result.json", "--seed", 3), "--seed says nothing where --config says all of the run; leave it out"),
+        (("run", "--config", "result.json", "--set", "agent.steps=1"), "--set says nothing where --config says all"),
+        (("diagnose", "--task", "broken_hopper", "--horizon", 1), "--horizon says nothing where --task has transitions and no recordings; leave it out"),
+        (("diagnose", "--task", "broken_hopper", "--transitions", "own.npz", "--samples", 100), "--samples says nothing where --transitions has them"),
+        (("diagnose", "arm", "--noise", 0.01), "--noise says nothing where recordings are given and no --task; leave it out"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(in_process, arguments, says):
+    code, out, err = in_process(*arguments)
+    assert (code, out) == (2, "")
+    assert says in err
+    assert len(err.splitlines()) == 1
