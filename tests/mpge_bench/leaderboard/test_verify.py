@@ -45,6 +45,13 @@ def test_figures_that_the_policy_does_not_have_are_found_out(result):
     assert [one.agrees for one in measured_again(result)] == [False, True, False]
 
 
+def test_a_wide_spread_excuses_no_mean(result):
+    data = json.loads(result.read_text())
+    data["returns"]["policy"] |= {"mean": data["returns"]["policy"]["mean"] + 500, "std": 1e6}
+    result.write_text(json.dumps(data))
+    assert [one.agrees for one in measured_again(result)] == [False, True, True]
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -89,6 +96,18 @@ def test_a_policy_of_another_robot_is_refused_in_a_line(result):
     with pytest.raises(UserError, match=r"its policy cannot be used .*; a policy of inverted_pendulum takes 4 observations") as refusal:
         measured_again(result)
     assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_a_policy_that_cannot_be_read_is_a_fault_of_its_result_alone(result, in_process):
+    """It ended the command, and nothing was said of the others."""
+    shutil.copytree(result.parent, result.parent.parent / "seed2")
+    (result.parent / "policy.safetensors").write_bytes(b"spoilt")
+    code, out, _ = in_process("verify", result.parent.parent, "--json")
+    assert code == 1
+    first, second = json.loads(out)
+    assert not first["in_order"]
+    assert "policy.safetensors" in first["faults"][0]
+    assert second["in_order"]
 
 
 def test_results_are_found_below_folders(result, tmp_path):
