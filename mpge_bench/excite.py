@@ -17,6 +17,7 @@ from mpge_bench.diagnosis.experiment.catalogue import Seen, errors, in_one_unit,
 from mpge_bench.diagnosis.experiment.motions import Limits, commanded
 from mpge_bench.diagnosis.pipeline import Progress
 from mpge_bench.envs.errors import UserError
+from mpge_bench.rig.folder import TOLD
 
 Array = npt.NDArray[np.float64]
 
@@ -84,4 +85,4 @@ def write(rig: Rig, commands: Sequence[Array], told: Sequence[Told], out: Path) 
     out.mkdir(parents=True, exist_ok=True)
     for index, one in enumerate(commands):
         write_table(commanded(rig, one), out / f"excitation_{index:02d}.csv")
-    write_table(pd.DataFrame([vars(one) for one in told]), out / "told.csv")
+    write_table(pd.DataFrame([vars(one) for one in told]), out / TOLD)

@@ -13,6 +13,8 @@ from mpge_bench.envs.reading import reading
 RIG = "rig.yaml"
 #: What `simulate` writes, if not told otherwise.
 PREDICTED = "predicted.csv"
+#: What `excite` says of its commands.
+TOLD = "told.csv"
 #: Kinds of robot files, by the name of their outermost element.
 _KINDS = {"robot": "urdf", "mujoco": "mjcf"}
 
@@ -28,7 +30,7 @@ def kind_of(path: Path) -> str | None:
 
 
 def case_in(folder: Path) -> tuple[Path, list[str]]:
-    """The rig in `folder`, and its recordings: every CSV and Parquet file that `diagnose` or `simulate` did not write there, as patterns that match one each.
+    """The rig in `folder`, and its recordings: every CSV and Parquet file but what `diagnose`, `simulate` and `excite` say, as patterns that match one each.
 
     Raises:
         UserError: if there is no rig, with the command that writes one, or no recording.
@@ -42,7 +44,7 @@ def case_in(folder: Path) -> tuple[Path, list[str]]:
         if not (folder / RIG).is_file():
             raise UserError(f"{folder}: no {RIG}, which says what the simulator believes: robot file, how each joint is driven, step; {_advice(folder)}")
         tables = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in (".csv", *PARQUET)]
-    files = [glob.escape(str(path)) for path in tables if path.name not in (NEXT_EXPERIMENT, PREDICTED)]
+    files = [glob.escape(str(path)) for path in tables if path.name not in (NEXT_EXPERIMENT, PREDICTED, TOLD)]
     if not files:
         raise UserError(f"{folder}: {RIG}, but no recording beside it; put CSV or Parquet files there, with columns time, u_<joint>, q_<joint>")
     return folder / RIG, files

@@ -67,7 +67,7 @@ def test_of_several_robot_files_all_are_named_and_other_xml_is_none(folder: Path
 
 def test_recordings_are_taken_once_each_and_what_is_ours_is_left(folder: Path) -> None:
     write_template(folder / "rod.urdf", folder / "rig.yaml")
-    for name in ("a.csv", "B.CSV", "c.pq", "next_experiment.csv", "predicted.csv", "notes.txt"):
+    for name in ("a.csv", "B.CSV", "c.pq", "next_experiment.csv", "predicted.csv", "told.csv", "notes.txt"):
         (folder / name).write_text("")
     rig, patterns = case_in(folder)
     assert rig == folder / "rig.yaml"
