@@ -25,9 +25,8 @@ import typer
 from rich.console import Console
 from rich.progress import track
 
-from mpge_bench.concealed import draw as drawing
 from mpge_bench.concealed.answer import answer_of, said
-from mpge_bench.concealed.draw import Pool, drawn, key_of
+from mpge_bench.concealed.draw import KINDS, Pool, drawn, key_of
 from mpge_bench.concealed.make import make, play
 from mpge_bench.concealed.mechanism import Case
 from mpge_bench.concealed.summary import wilson
@@ -52,11 +51,11 @@ from mpge_bench.files import write_text
 
 #: Kinds of effects that others are like in some motion and not in all. Rotors, inertias and shifted centres of mass, which mostly are one with others
 #: whatever the motion, and elastic joints and play, which nothing is like, are left out.
-KINDS = {"torque_gain", "torque_bias", "torque_limit", "back_emf_limit", "dead_zone", "delay", "lag", "viscous_friction", "air_drag", "coulomb_friction"}
-KINDS |= {"stribeck_friction", "load_friction", "joint_spring", "payload", "mass_scale", "external_force", "gravity"}
-KINDS |= {"sensor_bias", "sensor_scale", "sensor_delay"}
+_NAMES = {"torque_gain", "torque_bias", "torque_limit", "back_emf_limit", "dead_zone", "delay", "lag", "viscous_friction", "air_drag", "coulomb_friction"}
+_NAMES |= {"stribeck_friction", "load_friction", "joint_spring", "payload", "mass_scale", "external_force", "gravity"}
+_NAMES |= {"sensor_bias", "sensor_scale", "sensor_delay"}
+_KINDS = {name: KINDS[name] for name in sorted(_NAMES)}
 #: Mechanisms that can be driven, and that a diagnosis takes seconds with, by loud sensors.
-_KINDS = {name: drawing.KINDS[name] for name in sorted(KINDS)}
 POOL = Pool("n", {"1": 1}, {"pend": 1, "arm2": 2, "cart": 1, "servo2": 1}, {"loud": 1}, {"told": 0.5, "damped": 0.2}, _KINDS, _KINDS)
 #: Of the recordings that are given, and the size of their motion, as a share of the usual one: drawn evenly between these.
 ROWS, SIZES = 200, (0.3, 0.8)

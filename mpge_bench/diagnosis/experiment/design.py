@@ -127,15 +127,13 @@ def _parted(count: int, alike: Sequence[Pair]) -> tuple[list[list[int]], list[in
     A load is alike a denser link and, elsewhere, a shifted centre of mass; which of these it is a motion may tell, and not whether it is one of them or a load.
     """
     rest, between = list(range(count)), list[int]()
-    classes = _classes(rest, alike)
-    is_told = any((0, other) not in alike for other in rest[1:])
-    while is_told and len(classes) == 1:
+    while any((0, other) not in alike for other in rest[1:]):
+        classes = _classes(rest, alike)
+        if len(classes) > 1:
+            return classes, between
         between.append(max(rest[1:], key=lambda one: sum(one in pair and {*pair} <= {*rest} for pair in alike)))
         rest.remove(between[-1])
-        if all((0, other) in alike for other in rest[1:]):
-            return _classes(list(range(count)), alike), []
-        classes = _classes(rest, alike)
-    return classes, between
+    return _classes(range(count), alike), []
 
 
 def _classes(models: Sequence[int], alike: Sequence[Pair]) -> list[list[int]]:

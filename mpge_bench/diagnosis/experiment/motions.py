@@ -116,7 +116,7 @@ def motion(
         least: rows after which a motion that goes beyond the limits, however small, may be cut short; it has to stay within them throughout if None.
     """
     rng = np.random.default_rng([seed, index])
-    signals = np.stack([_signal(rng, rows, rig.record_period) for _ in rig.joints], 1) * limits.command
+    signals = _signals(rng, rig, rows) * limits.command
     size, held = float(rng.uniform(0.5, 1.0)), bool(rng.random() < _HELD)
     longest: list[Played] = []
     for _ in range(_TRIES):
@@ -136,8 +136,13 @@ def motion(
 def holds(rig: Rig, limits: Limits, rows: int, seed: int, effects: Sequence[Effect]) -> bool:
     """Whether `rig` with `effects` stays within the limits for so many `rows`, hardly anything being asked of it."""
     rng = np.random.default_rng(seed)
-    signals = np.stack([_signal(rng, rows, rig.record_period) for _ in rig.joints], 1) * limits.command
+    signals = _signals(rng, rig, rows) * limits.command
     return len(played(rig, _LESS**_TRIES * signals, effects, limits).q) == rows
+
+
+def _signals(rng: np.random.Generator, rig: Rig, rows: int) -> Array:
+    """A signal for each joint, shape (rows, joints)."""
+    return np.stack([_signal(rng, rows, rig.record_period) for _ in rig.joints], 1)
 
 
 def _signal(rng: np.random.Generator, rows: int, period: float) -> Array:
