@@ -144,7 +144,7 @@ def _references() -> None:
     from mpge_bench.envs import get_task
     from mpge_bench.harness.references import path_of, stored
 
-    found = stored(path_of(get_task("biased_pendulum"), Path()))
+    found = stored(path_of("biased_pendulum", Path()))
     assert found is not None
     assert found.on_policy_mismatch
 

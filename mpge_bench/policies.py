@@ -157,6 +157,17 @@ def home(task: str) -> Path:
     return Path(task).parent / "policies" if task.endswith((".yaml", ".yml")) else FOLDER
 
 
+def any_of(task: Task, kind: str, folder: Path = FOLDER) -> bool:
+    """Whether any policy that `load_set` would load is there."""
+    return any(_file(task, kind, seed, folder).exists() for seed in SEEDS[kind])
+
+
+def _file(task: Task, kind: str, seed: int, folder: Path) -> Path:
+    """Where the policy lies: in `folder`, or, of a user's own pair, among the shipped ones if it is not there."""
+    path = policy_path(task, kind, seed, folder)
+    return policy_path(task, kind, seed) if task.address != task.name and not path.exists() else path
+
+
 def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
     """All policies of the robot ("source", "er") or of the pair ("target"); of a user's own pair, what `folder` lacks comes from the shipped ones.
 
@@ -165,9 +176,7 @@ def load_set(task: Task, kind: str, folder: Path = FOLDER) -> PolicySet:
     """
     states = []
     for seed in SEEDS[kind]:
-        path = policy_path(task, kind, seed, folder)
-        if not path.exists() and task.address != task.name:
-            path = policy_path(task, kind, seed)
+        path = _file(task, kind, seed, folder)
         if not path.exists():
             command = f"python -m mpge_bench train-policies --task {task.address} --kind {kind}"
             raise UserError(f"{policy_path(task, kind, seed, folder)}: this {kind} policy is missing; `{command}` makes it")

@@ -222,6 +222,9 @@ def _show(result: dict[str, Any], folder: Path) -> None:
     """What was achieved at a glance, then how."""
     settings = f"{result['samples']:,} target samples, {result['variant']}, seed {result['seed']}"
     console.print(_achieved(result, f"{result['task']}, {settings}"))
+    if result["returns"]["optimal"] is None:
+        command = f"python -m mpge_bench train-policies --task {result['address']} --kind target"
+        console.print(f"Without J* no return is normalised; `{command}` finds it.", soft_wrap=True)
     drawn = Table("", result["method"], "ungrounded source")
     found, learnt = result["returns"], result["learning"] or {}
 
@@ -248,21 +251,21 @@ def _show(result: dict[str, Any], folder: Path) -> None:
 
 
 def _achieved(result: dict[str, Any], title: str) -> Table:
-    """Returns in the target: of the source policies, this method, the agent that needs no grounding, and the best that anybody has reached."""
+    """Returns in the target: of the source policies, this method, the agent that needs no grounding, and the best target-optimal policy."""
     from mpge_bench.harness.perfect import stored_perfect
     from mpge_bench.harness.result import normalized_return
 
     found, perfect = result["returns"], stored_perfect(result["task"], result["fingerprints"])
-    direct, best = found["direct"]["mean"], found["optimal"]["mean"]
+    direct, best = found["direct"]["mean"], found["optimal"] and found["optimal"]["mean"]
     rows = [("direct", direct, "source policies"), (result["method"], found["policy"]["mean"], "this run")]
     if perfect:
         rows.append(("perfect", perfect.mean, f"agent in the true target ({perfect.seeds})"))
-    rows.append(("J*", best, "best ever reached"))
+    rows.append(("J*", best, "best target-optimal policy" if best is not None else "not known yet"))
     drawn = Table("", "target return", "normalised", "", "", title=title)
     for name, value, what in rows:
-        normalized = normalized_return(value, direct, best)
+        normalized = None if value is None else normalized_return(value, direct, best)
         shown = "–" if normalized is None else f"{normalized:.2f}"
         bar = "█" * round(_BAR * min(max(normalized or 0.0, 0.0), 1.2))
         style = "bold" if what == "this run" else ""
-        drawn.add_row(name, f"{value:.0f}", shown, bar, what, style=style)
+        drawn.add_row(name, "–" if value is None else f"{value:.0f}", shown, bar, what, style=style)
     return drawn

@@ -24,17 +24,19 @@ from mpge_bench.envs.reading import json_of, reading
 from mpge_bench.files import write_text
 from mpge_bench.form import check
 from mpge_bench.harness.metrics import action_transformation_error, action_transformation_floor, transition_error, transition_floor
-from mpge_bench.harness.result import RETURNS
+from mpge_bench.harness.result import RETURNS, normalized_return
 from mpge_bench.provenance import commit
 
 _WHAT, _ADVICE = "file of references", "remove it, and the references are measured anew"
 #: What the file holds, as `misfits` takes it.
 _FORM = {
-    **dict.fromkeys(("direct", "optimal", "source"), RETURNS),
+    **dict.fromkeys(("direct", "optimal?", "source"), RETURNS),
     **dict.fromkeys(("action_error", "action_floor", "transition_error", "transition_floor"), "number"),
     "made_from": "mapping to texts",
     "commit": "text?",
 }
+#: What references are made from in place of policies that are not there.
+_NONE = "none"
 #: Target transitions, beside any budget, that transition errors are measured on.
 _PROBE = 1000
 
@@ -45,7 +47,8 @@ class References:
 
     Attributes:
         direct: return of the source policies in the target, each over `EPISODES` episodes, mean over all: normalised return 0.
-        optimal: J*, the best return in the target that anybody has reached: of the best target-optimal policy; normalised return 1.
+        optimal: J*, the return in the target of the best of the pair's target-optimal policies; normalised return 1. None
+            where the pair has no target-optimal policies yet: returns are not normalised then.
         source: return of the source policies in the source, as `direct`.
         action_error, action_floor: action-transformation error of the ungrounded source, and what it means nothing below.
         transition_error, transition_floor: transition error of the ungrounded source, and what the optimal action transformation leaves of it.
@@ -54,7 +57,7 @@ class References:
     """
 
     direct: Returns
-    optimal: Returns
+    optimal: Returns | None
     source: Returns
     action_error: float
     action_floor: float
@@ -63,6 +66,10 @@ class References:
     made_from: dict[str, str]
     commit: str | None
 
+    def normalized(self, value: float) -> float | None:
+        """The normalised return that a return of `value` in the target is."""
+        return normalized_return(value, self.direct.mean, self.optimal and self.optimal.mean)
+
     @property
     def on_policy_mismatch(self) -> dict[str, float | None]:
         """How much of their return the source policies lose in the target: a random policy falls before it slips."""
@@ -70,14 +77,20 @@ class References:
         return {"source": self.source.mean, "target": self.direct.mean, "lost": lost}
 
 
-def path_of(task: Task, folder: Path) -> Path:
-    """Where the pair's references are kept."""
-    return folder / task.name / "references.json"
+def path_of(name: str, folder: Path) -> Path:
+    """Where the references of the pair called `name` are kept."""
+    return folder / name / "references.json"
 
 
 def made_from(task: Task, folder: Path) -> dict[str, str]:
     """By what references are known to be of the pair and its policies as they are: fingerprints, and hashes over the policies' weights."""
-    return task.fingerprints() | {f"{kind}_policies": _hash(policies.load_set(task, kind, folder)) for kind in ("source", "target")}
+    known = {"source": policies.load_set(task, "source", folder), "target": _targets(task, folder)}
+    return task.fingerprints() | {f"{kind}_policies": _hash(some) if some else _NONE for kind, some in known.items()}
+
+
+def _targets(task: Task, folder: Path) -> PolicySet | None:
+    """The pair's target-optimal policies, if any is there."""
+    return policies.load_set(task, "target", folder) if policies.any_of(task, "target", folder) else None
 
 
 def _hash(known: PolicySet) -> str:
@@ -99,10 +112,10 @@ def references(address: str, folder: Path = policies.FOLDER) -> References:
     """The references of the pair that `get_task` calls `address`: those kept, if they are of these policies and this physics, else measured anew.
 
     Raises:
-        UserError: if policies are missing.
+        UserError: if source policies are missing, or some of the target-optimal ones.
     """
     task = get_task(address)
-    kept = stored(path_of(task, folder))
+    kept = stored(path_of(task.name, folder))
     return kept if kept and kept.made_from == made_from(task, folder) else measure(address, folder)
 
 
@@ -112,7 +125,7 @@ def stored(path: Path) -> References | None:
         return None
     data = plain(path)
     with reading(path, _WHAT, _ADVICE):
-        return References(**data | {name: Returns(**data[name]) for name in ("direct", "optimal", "source")})
+        return References(**data | {name: Returns(**data[name]) for name in ("direct", "optimal", "source") if data[name]})
 
 
 def plain(path: Path) -> dict[str, Any]:
@@ -130,13 +143,14 @@ def plain(path: Path) -> dict[str, Any]:
 def measure(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> References:
     """Measure the references of a pair."""
     task = get_task(address)
-    sources, targets = (policies.load_set(task, kind, folder) for kind in ("source", "target"))
-    calls = [(address, at_target, some[one]) for at_target, some in ((False, sources), (True, sources), (True, targets)) for one in range(len(some))]
+    sources, targets = policies.load_set(task, "source", folder), _targets(task, folder)
+    played_sets = ((False, sources), (True, sources), *([(True, targets)] if targets else []))
+    calls = [(address, at_target, some[one]) for at_target, some in played_sets for one in range(len(some))]
     played = side_by_side(_play, calls, jobs, lambda steps: None)
     count, drawn = len(sources), probe(task, sources)
     return References(
         direct=_over(played[count : 2 * count]),
-        optimal=max(played[2 * count :], key=lambda one: one.mean),
+        optimal=max(played[2 * count :], key=lambda one: one.mean, default=None),
         source=_over(played[:count]),
         action_error=action_transformation_error(task, None),
         action_floor=action_transformation_floor(task),
@@ -160,6 +174,6 @@ def _over(found: list[Returns]) -> Returns:
 
 def write(address: str, folder: Path = policies.FOLDER, jobs: int = 1) -> Path:
     """Measure a pair's references and keep them."""
-    path = path_of(get_task(address), folder)
+    path = path_of(get_task(address).name, folder)
     write_text(path, json.dumps(asdict(measure(address, folder, jobs)), indent=1) + "\n")
     return path

@@ -37,7 +37,7 @@ FORM: Mapping[str, Any] = {
     "learning": "mapping to numbers?",
     "normalized_return": "number?",
     "fingerprints": {"robot": "text", "pair": "text"},
-    "returns": {"policy": RETURNS, "direct": RETURNS, "optimal": RETURNS, "grounded?": RETURNS},
+    "returns": {"policy": RETURNS, "direct": RETURNS, "optimal?": RETURNS, "grounded?": RETURNS},
     "action_transformation_error": _ERROR,
     "transition_error": _ERROR,
     "simulator_steps": {"grounding": "number", "agent": "number"},
@@ -93,7 +93,7 @@ def renormalized(result: Mapping[str, Any], references: Mapping[str, Any]) -> di
     direct, optimal = references["direct"], references["optimal"]
 
     def share(value: float) -> float | None:
-        return normalized_return(value, direct["mean"], optimal["mean"])
+        return normalized_return(value, direct["mean"], optimal and optimal["mean"])
 
     oracle = result["oracle"]
     return {
@@ -105,13 +105,14 @@ def renormalized(result: Mapping[str, Any], references: Mapping[str, Any]) -> di
     }
 
 
-def normalized_return(policy: float, direct: float, optimal: float) -> float | None:
+def normalized_return(policy: float, direct: float, optimal: float | None) -> float | None:
     """(policy − direct) / (optimal − direct): 0 is the source policies in the target, 1 the best policy there is for it (MPGE, figure 4).
 
-    None where the two references are too near each other to normalise by.
+    None where there is no such best policy yet, or the two references are too near each other to normalise by.
     """
-    span = optimal - direct
-    return None if abs(span) < 1e-9 else float((policy - direct) / span)
+    if optimal is None or abs(optimal - direct) < 1e-9:
+        return None
+    return float((policy - direct) / (optimal - direct))
 
 
 def write_result(path: Path, data: Mapping[str, Any]) -> None:

@@ -43,7 +43,7 @@ from mpge_bench.harness.metrics import (
     transition_error,
 )
 from mpge_bench.harness.references import References, probe, references
-from mpge_bench.harness.result import PARTIAL, SCHEMA, normalized_return, read_result
+from mpge_bench.harness.result import PARTIAL, SCHEMA, read_result
 from mpge_bench.provenance import commit
 
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -394,7 +394,7 @@ def _measured(settings: RunSettings, result: Result, policy: Policy, known: Refe
     }
     return {
         "returns": {name: asdict(value) if value else None for name, value in found.items()},
-        "normalized_return": normalized_return(own.mean, known.direct.mean, known.optimal.mean),
+        "normalized_return": known.normalized(own.mean),
         "on_policy_mismatch": known.on_policy_mismatch,
         "action_transformation_error": {
             # Of a source that is another ã* is another, too.
@@ -425,7 +425,7 @@ def _oracle(result: Result, method: str, task: Task, known: References, own: Pol
         "chosen": best,
         "chosen_by": means[best],
         "returns": asdict(scored),
-        "normalized_return": normalized_return(scored.mean, known.direct.mean, known.optimal.mean),
+        "normalized_return": known.normalized(scored.mean),
         "target_episodes": EPISODES * len(tried),
         "tried": means,
     }

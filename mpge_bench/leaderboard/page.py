@@ -11,7 +11,7 @@ import pandas as pd
 from mpge_bench.envs.errors import UserError
 from mpge_bench.files import write_text
 from mpge_bench.harness.perfect import STORE, perfect_text
-from mpge_bench.harness.references import plain
+from mpge_bench.harness.references import path_of, plain
 from mpge_bench.harness.result import files_under, read_result, renormalized, write_result
 from mpge_bench.leaderboard.plots import draw, pictures
 from mpge_bench.leaderboard.results import ORACLE, collect, perfect, sections
@@ -69,7 +69,7 @@ def _renormalize(results: Path) -> None:
     """Hold the results of shipped pairs against today's references: where J* has been bettered since, their normalised returns are too large."""
     for path in files_under(results):
         result = read_result(path)
-        kept = _POLICIES / result["task"] / "references.json"
+        kept = path_of(result["task"], _POLICIES)
         if kept.exists():
             renewed = renormalized(result, plain(kept))
             if renewed != result:

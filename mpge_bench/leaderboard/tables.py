@@ -104,7 +104,7 @@ def pairs_sheet(results: pd.DataFrame) -> Sheet:
         row = [str(task), _figure(there), _figure(here), Cell("–" if np.isnan(lost) else f"{lost:.0%}", lost), *own, _figure(optimal)]
         rows.append((task, row, Behind(str(task), (), tuple(group["folder"].unique()))))
     headers = ["task", "source policies in the source", "in the target (direct)", "lost", "perfect", "normalised", "J*"]
-    note = "perfect: the same agent with the same budget in the true target. J*: the best return in the target that anybody has reached."
+    note = "perfect: the same agent with the same budget in the true target. J*: the return of the best of the pair's target-optimal policies."
     return _sheet("pairs", headers, rows, note)
 
 

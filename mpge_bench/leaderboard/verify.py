@@ -122,8 +122,8 @@ def faults(path: Path) -> list[str]:
         wrong.append("action_transformation_error.value: is null, where there is a grounding")
     if data["target_samples"] > data["samples"] and "target" not in data["access"]:
         wrong.append(f"target_samples: {data['target_samples']} were drawn of a budget of {data['samples']}")
-    means = [data["returns"][name]["mean"] for name in ("policy", "direct", "optimal")]
-    normalized = normalized_return(*means)
+    found = data["returns"]
+    normalized = normalized_return(found["policy"]["mean"], found["direct"]["mean"], found["optimal"] and found["optimal"]["mean"])
     if not _same(normalized, data["normalized_return"]):
         wrong.append(f"normalized_return: is {data['normalized_return']}, and {normalized} by its returns")
     try:
@@ -143,7 +143,7 @@ def _of_another_pair(data: Mapping[str, Any], task: Task) -> Iterator[str]:
     for name, own in (("name", task.name), ("track", task.track), ("development", task.development)):
         if data["pair"][name] != own:
             yield f"pair.{name}: is {data['pair'][name]}, and {own} of {task.name}"
-    shipped = path_of(task, FOLDER)
+    shipped = path_of(task.name, FOLDER)
     if not shipped.exists():
         return
     known = plain(shipped)

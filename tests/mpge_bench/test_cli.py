@@ -58,6 +58,24 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path, i
     assert "| biased_pendulum | 50 | smoke | mpge | T | 1 |" in out
 
 
+def test_a_pair_without_target_optimal_policies_is_run_with_returns_as_they_are(policy_folder, tmp_path, in_process):
+    for path in (policy_folder / "biased_pendulum").glob("target_*"):
+        path.unlink()
+    out = tmp_path / "out"
+    code, said, err = in_process("run", "--task", "biased_pendulum", "--method", "direct", "--policies", policy_folder, "--out", out)
+    assert code == 0, err
+    assert "`python -m mpge_bench train-policies --task biased_pendulum --kind target` finds it" in " ".join(said.split())
+    (path,) = out.rglob("result.json")
+    result = json.loads(path.read_text())
+    assert result["returns"]["optimal"] is result["normalized_return"] is None
+    code, said, err = in_process("leaderboard", out, "--markdown", "--plots", tmp_path / "plots", "--html", tmp_path / "page.html")
+    assert code == 0, err
+    assert f"| {result['returns']['policy']['mean']:,.0f} |" in said
+    # What is wrong with it is that the shipped pair has a J*.
+    code, said, err = in_process("verify", "--form", path)
+    assert "normalized_return" not in said
+
+
 def test_sweep_goes_on_where_it_was_killed_and_past_failures(policy_folder, tmp_path):
     config, out = tmp_path / "sweep.yaml", tmp_path / "out"
     config.write_text("tasks: [biased_pendulum]\nmethods: [direct]\nsamples: [50]\nseeds: 100\npreset: smoke\n")

@@ -17,7 +17,7 @@ TASK = get_task("biased_pendulum")
 
 
 def test_direct_is_the_mean_of_the_source_policies_and_optimal_the_best_target_policy(policy_folder):
-    found = references.stored(references.path_of(TASK, policy_folder))
+    found = references.stored(references.path_of(TASK.name, policy_folder))
     sources, targets = (load_set(TASK, kind, policy_folder) for kind in ("source", "target"))
     assert found.direct.mean == pytest.approx(np.mean([returns(TASK.target, sources[one]).mean for one in range(5)]))
     assert found.optimal.mean == max(returns(TASK.target, targets[one]).mean for one in range(3))
@@ -29,7 +29,7 @@ def test_what_is_kept_is_taken_until_a_policy_changes(policy_folder, monkeypatch
     measured = []
     monkeypatch.setattr(references, "measure", lambda address, folder: measured.append(address))
     references.references.cache_clear()
-    path = references.path_of(TASK, policy_folder)
+    path = references.path_of(TASK.name, policy_folder)
     assert references.references(TASK.name, policy_folder) == references.stored(path)
     assert not measured
     save_policy(policy_path(TASK, "target", 0, policy_folder), make_policy(TASK.source(), 99).state_dict(), {})
@@ -37,6 +37,18 @@ def test_what_is_kept_is_taken_until_a_policy_changes(policy_folder, monkeypatch
     references.references(TASK.name, policy_folder)
     assert measured == [TASK.name]
     references.references.cache_clear()
+
+
+def test_a_pair_without_target_optimal_policies_has_all_references_but_j_star(policy_folder):
+    known = references.stored(references.path_of(TASK.name, policy_folder))
+    for path in (policy_folder / TASK.name).glob("target_*"):
+        path.unlink()
+    found = references.measure(TASK.name, policy_folder)
+    assert found.optimal is None
+    assert found.normalized(1.0) is None
+    assert (found.direct, found.source, found.transition_error) == (known.direct, known.source, known.transition_error)
+    references.write(TASK.name, policy_folder)
+    assert references.stored(references.path_of(TASK.name, policy_folder)).made_from == references.made_from(TASK, policy_folder)
 
 
 def test_shipped_references_are_of_the_shipped_policies_and_todays_physics():
