@@ -141,7 +141,6 @@ def _policies() -> None:
 
 
 def _references() -> None:
-    from mpge_bench.envs import get_task
     from mpge_bench.harness.references import path_of, stored
 
     found = stored(path_of("biased_pendulum", Path()))

@@ -46,7 +46,10 @@ def parquet_table(path: Path) -> pd.DataFrame:
         ValueError: if it is too large. What else is wrong pandas and pyarrow raise, of many kinds (see `reading`).
     """
     with path.open("rb") as file:
-        size = pq.read_metadata(file)
-    if size.num_rows * size.num_columns > LARGEST:
-        raise ValueError(f"it has {size.num_rows} rows of {size.num_columns} columns, more than {LARGEST} values")
+        known = pq.read_metadata(file)
+    chunks = (known.row_group(group).column(column) for group in range(known.num_row_groups) for column in range(known.num_columns))
+    # Of lists a column has more values than rows.
+    values = max(known.num_rows * known.num_columns, sum(chunk.num_values for chunk in chunks))
+    if values > LARGEST:
+        raise ValueError(f"it has {values} values, more than {LARGEST}")
     return pd.read_parquet(path)

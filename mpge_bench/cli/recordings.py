@@ -69,7 +69,7 @@ def record(
 @app.command()
 def collect(
     task: Annotated[str, typer.Option(help=TASK_HELP, autocompletion=completion.tasks)],
-    out: Annotated[Path, typer.Option(help="File for the transitions, .npz, or (anything else) folder for a Minari data set.")],
+    out: Annotated[Path, typer.Option(help="File for the transitions, .npz or .parquet, or (anything else) folder for a Minari data set.")],
     samples: Annotated[int, typer.Option(min=1, help="Target transitions to draw, as any method draws them.")] = 1000,
     noise: Annotated[float, typer.Option(min=0.0, help=NOISE_HELP)] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Repeats the draw.")] = 0,
@@ -80,9 +80,10 @@ def collect(
     Example: python -m mpge_bench collect --task broken_hopper --samples 1000 --out broken_hopper
 
     The shipped source policies draw them in equal shares, or smooth random actions where there are none. NPZ has arrays observations, actions and
-    next_observations; a Minari data set has episodes, in which rewards are NaN and no end is marked as a termination: transitions hold neither.
+    next_observations, Parquet columns of lists so called; a Minari data set has episodes, in which rewards are NaN and no end is marked as a termination:
+    transitions hold neither.
     """
-    from mpge_bench.diagnosis.transitions.episodes import write_transitions
+    from mpge_bench.diagnosis.transitions.episodes import FORMATS, write_transitions
     from mpge_bench.exchange import minari
     from mpge_bench.policies import home
     from mpge_bench.unmask import drawn
@@ -91,7 +92,7 @@ def collect(
     if out.exists():
         raise UserError(f"{out}: is there already; choose another place with --out")
     found, _ = drawn(pair, samples, noise, seed, policies or home(task))
-    if out.suffix == ".npz":
+    if out.suffix in FORMATS:
         write_transitions(found, out)
     else:
         minari.write_transitions(found, pair, out)

@@ -20,5 +20,5 @@ def test_a_table_is_read_and_a_swollen_one_is_not(tmp_path: Path) -> None:
     column = pa.DictionaryArray.from_arrays(pa.array(np.zeros(LARGEST // 8 + 1, np.int8)), pa.array([0.0]))
     pq.write_table(pa.table({f"c{index}": column for index in range(8)}), tmp_path / "b.parquet")
     assert (tmp_path / "b.parquet").stat().st_size < 2**20
-    with pytest.raises(ValueError, match="6250001 rows of 8 columns, more than 50000000 values"):
+    with pytest.raises(ValueError, match="50000008 values, more than 50000000"):
         parquet_table(tmp_path / "b.parquet")

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import zipfile
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import reading
 from mpge_bench.envs.robots import Robot
-from mpge_bench.files import whole
+from mpge_bench.files import parquet_table, whole
 
 Array = npt.NDArray[np.float64]
-#: What an NPZ file of transitions holds.
+#: What a file of transitions holds: arrays of an NPZ file, columns of lists of a Parquet file.
 FIELDS = ("observations", "actions", "next_observations")
+#: How files of transitions end.
+FORMATS = (".npz", ".parquet")
+#: Positions of joints may change by so many times what their velocities say, or by as small a share: clipped velocities and impacts of the suite's targets
+#: come to .9 to 1.6, the cheetah's transitions taken for the walker's, whose control step is another, to 7, those of the ant and the Minitaur to 5.
+_PACE = 3.0
 #: Bytes of all arrays of a file together, beyond which it is no file of transitions: a small one may be large when it is unpacked.
 _LARGEST = 512 << 20
 
@@ -117,28 +126,75 @@ def checked(found: Episodes, robot: Robot, where: str) -> Episodes:
     return replace(found, actions=np.clip(found.actions, -robot.action_limit, robot.action_limit))
 
 
+def moves_as(found: Episodes, robot: Robot, where: str) -> Episodes:
+    """`found`, which `checked` takes, if driven joints move by about what their velocities say within a control step of `robot`.
+
+    Raises:
+        UserError: if they do not: another robot's transitions may have the same shapes.
+    """
+    driven = [robot.joints.index(joint) - len(robot.joints) for joint in robot.actuators]
+
+    def of_joints(observations: Array) -> Array:
+        return np.array([[part[driven] for part in robot.state(one)] for one in observations])
+
+    before, after = of_joints(found.observations), of_joints(found.next_observations)
+    moved = (after[:, 0] - before[:, 0] + np.pi) % (2 * np.pi) - np.pi
+    said = robot.dt * (before[:, 1] + after[:, 1]) / 2
+    total = np.sum(said**2)
+    pace = np.sum(moved * said) / total if total > 0 else 1.0
+    if not 1 / _PACE < pace < _PACE:
+        raise UserError(
+            f"{where}: joints move by {pace:.2g} times what their velocities say in a control step of the {robot.name}, {robot.dt:g} s;"
+            " are these another task's, or observations in another order or unit?"
+        )
+    return found
+
+
 def write_transitions(found: Episodes, path: Path) -> None:
-    """Write `found` to an NPZ file with arrays `FIELDS`, whole or not at all.
+    """Write `found` to a file with arrays `FIELDS`, of the format that its name says, whole or not at all.
 
     Raises:
         UserError: if the file cannot be written.
     """
     with whole(path) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, **{name: getattr(found, name) for name in FIELDS})
+        if path.suffix == ".parquet":
+            pd.DataFrame({name: list(getattr(found, name)) for name in FIELDS}).to_parquet(file)
+        else:
+            np.savez_compressed(file, **{name: getattr(found, name) for name in FIELDS})
 
 
 def read_transitions(path: Path, robot: Robot) -> Episodes:
-    """The transitions in an NPZ file with arrays `FIELDS`.
+    """The transitions in an NPZ or Parquet file with `FIELDS`.
 
     Raises:
         UserError: if the file cannot be read or is not the robot's.
     """
-    with reading(path, "NPZ file", f"give one with arrays {', '.join(FIELDS)}"):
-        with np.load(path, allow_pickle=False) as data:
-            missing = [name for name in FIELDS if name not in data]
-            if missing:
-                raise UserError(f"has no array {', '.join(missing)}; transitions are {', '.join(FIELDS)}")
-            if (size := sum(one.file_size for one in data.zip.infolist())) > _LARGEST:
-                raise ValueError(f"its arrays have {size >> 20} MB, more than {_LARGEST >> 20}")
-            observations, actions, following = (np.asarray(data[name], float) for name in FIELDS)
-        return checked(Episodes(observations, actions, following), robot, str(path))
+    if not path.exists():
+        raise UserError(f"{path}: there is no such file; give transitions as {' or '.join(FORMATS)}, or a Minari data set's folder")
+    with reading(path, "file of transitions", f"give an NPZ or Parquet file with {', '.join(FIELDS)}"):
+        arrays = (_in_parquet if path.suffix == ".parquet" else _in_npz)(path)
+        observations, actions, following = (np.asarray(arrays[name], float) for name in FIELDS)
+        return moves_as(checked(Episodes(observations, actions, following), robot, str(path)), robot, str(path))
+
+
+def _in_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
+    with path.open("rb") as file:
+        if not zipfile.is_zipfile(file):
+            raise ValueError("it is no NPZ archive")
+    with np.load(path, allow_pickle=False) as data:
+        _check_names(data.files)
+        if (size := sum(one.file_size for one in data.zip.infolist())) > _LARGEST:
+            raise ValueError(f"its arrays have {size >> 20} MB, more than {_LARGEST >> 20}")
+        return {name: data[name] for name in FIELDS}
+
+
+def _in_parquet(path: Path) -> dict[str, npt.NDArray[Any]]:
+    table = parquet_table(path)
+    _check_names(table.columns)
+    return {name: np.array(table[name].tolist()) for name in FIELDS}
+
+
+def _check_names(known: Collection[str]) -> None:
+    missing = [name for name in FIELDS if name not in known]
+    if missing:
+        raise UserError(f"has no {', '.join(missing)}; transitions are {', '.join(FIELDS)}")

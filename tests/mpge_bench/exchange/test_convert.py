@@ -122,14 +122,15 @@ def test_transitions_are_drawn_for_other_tools(tmp_path: Path, in_process: InPro
     from mpge_bench.exchange import minari
 
     arguments: tuple[Any, ...] = ("collect", "--task", "biased_pendulum", "--samples", 30, "--out")
-    for name in ("drawn.npz", "drawn"):
+    for name in ("drawn.npz", "drawn.parquet", "drawn"):
         code, said, _ = in_process(*arguments, tmp_path / name)
         assert code == 0
         assert "30 transitions in" in said
         assert f"{tmp_path / name}: is there already" in refused(*arguments, tmp_path / name)
     robot = get_task("biased_pendulum").robot
     one, other = read_transitions(tmp_path / "drawn.npz", robot), minari.read_transitions(tmp_path / "drawn", robot)
-    assert all(np.array_equal(getattr(one, name), getattr(other, name)) for name in FIELDS)
+    third = read_transitions(tmp_path / "drawn.parquet", robot)
+    assert all(np.array_equal(getattr(one, name), getattr(some, name)) for name in FIELDS for some in (other, third))
 
 
 def test_no_torch() -> None:

@@ -58,7 +58,9 @@ def test_minari_reads_recordings(rig: Rig, tmp_path: Path) -> None:
 def transitions() -> Episodes:
     """Two episodes of the pendulum, of three and two steps."""
     rng = np.random.default_rng(0)
-    states = [rng.normal(size=(count + 1, 4)) for count in (3, 2)]
+    dt = get_task("biased_pendulum").robot.dt
+    speeds = [rng.normal(size=(count + 1, 2)) for count in (3, 2)]
+    states = [np.concatenate((dt * np.cumsum(one, axis=0), one), axis=1) for one in speeds]
     before, after = (np.concatenate([one[part] for one in states]) for part in (slice(-1), slice(1, None)))
     return Episodes(before, rng.uniform(-1, 1, (5, 1)), after)
 
