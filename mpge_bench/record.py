@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +100,7 @@ def record(
         raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another folder with --out") from error
     try:
         rig = _write_rig(settings, task, partial)
-        world: Physics = _side(task, settings).world if rig.robot else rig.world(effects, substeps=robot.substeps)
+        world: Physics = _side(task, settings).world if rig.robot else _with_shapes(rig, robot).world(effects, substeps=robot.substeps)
         progress.stage(f"{settings.episodes} episodes", settings.episodes * steps)
         tables = {}
         rise = robot.rise(effects)
@@ -128,6 +128,14 @@ def record(
             raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another folder with --out") from error
         raise
     return tables
+
+
+def _with_shapes(rig: Rig, robot: Robot) -> Rig:
+    """`rig`, which touches nothing and so has dropped all shapes, with those of `robot`: an effect may change a link's length and thickness by its shape."""
+    model = robot.load()
+    model.take_losses()
+    model.springs, model.armature = {}, {}
+    return replace(rig, model=model)
 
 
 def _side(task: Task, settings: RecordSettings) -> RobotEnv:

@@ -39,7 +39,7 @@ def diagnose(
     seed: Annotated[int, typer.Option(min=0, help="With --task: repeats the draw.")] = 0,
     transitions: Annotated[
         Path | None, typer.Option(
-            help="With --task: your own transitions instead: NPZ or Parquet (observations, actions, next_observations, in order), or a Minari data set's folder."
+            help="With --task: your own instead: NPZ or Parquet (observations, actions, next_observations, in order), or a Minari data set's folder."
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html, corrected.yaml and, at need, next_experiment.csv.")] = Path("report"),

@@ -68,7 +68,7 @@ class References:
 
     def normalized(self, value: float) -> float | None:
         """The normalised return that a return of `value` in the target is."""
-        return normalized_return(value, self.direct.mean, self.optimal and self.optimal.mean)
+        return normalized_return(value, self.direct.mean, self.optimal.mean if self.optimal else None)
 
     @property
     def on_policy_mismatch(self) -> dict[str, float | None]:

@@ -171,6 +171,19 @@ def test_every_robot_is_recorded_and_simulated_from_its_recording(tmp_path: Path
             assert position < 0.02, (name, unit)
 
 
+def test_a_link_that_is_longer_by_its_shape_is_recorded(tmp_path: Path) -> None:
+    """A rig that touches nothing has no shapes, which say how long a link is; the robot has them."""
+    task = get_task("multipolar_swingup_0")
+    (table,) = record(RecordSettings(task.name, episodes=1, seconds=0.4), tmp_path / "rec").values()
+    u, q, dq = (table[[f"{prefix}_{joint}" for joint in task.robot.joints]].to_numpy() for prefix in ("u", "q", "dq"))
+    missed = []
+    for side in (task.target(), task.source()):
+        side.world.set_state(q[0], dq[0])
+        missed.append(np.abs(side.world.roll(u[:-1])[0] - q[1:]).max())
+    # The two differ in how damping is stepped.
+    assert missed[0] < 0.1 * missed[1]
+
+
 def test_recordings_too_short_to_diagnose_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recordings.record("biased_pendulum", tmp_path, episodes=2)
     assert "2 of 2 are too short for `diagnose` (30 rows and 0.3 s are needed); try --policy target" in capsys.readouterr().out
