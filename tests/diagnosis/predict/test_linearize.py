@@ -12,9 +12,12 @@ import pytest
 from mpge_bench.diagnosis.data.motion import Motion, motion_of
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.free.simulator import simulator_of
+from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.predict.bullet import BulletPredictor
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
+from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import (
     AirDrag,
     Armature,
@@ -114,6 +117,21 @@ def test_a_start_that_is_off_is_followed_to_second_order(case: Case, channel: in
         bent.append(np.abs((there + back) / 2).max())
     assert bent[0] / bent[1] == pytest.approx(4, rel=0.1)
     assert bent[1] / bent[2] == pytest.approx(4, rel=0.1)
+
+
+def test_on_a_fixed_base_it_agrees_with_the_differences_that_free_bodies_are_linearised_by(case: Case) -> None:
+    """Derivatives of a window's coordinates by its start: from mass matrices and inverse dynamics, and from the simulator itself."""
+    first, rows, n = int(case.rows[0]), len(case.rows) - 1, case.linear.motion.joints
+    simulator = simulator_of(case.rig, [case.recording], DEFAULT)
+    commands, past = case.recording.u[None, first : first + rows], ((np.empty((0, n)), np.empty((0, 2 * n))),)
+    start, slopes = case.state[None, first], np.zeros((1, rows * n, 2 * n))
+    measured, noise, spread = case.state[None, case.rows[1:], :n], np.full(n, 1e-3), np.full((1, 2 * n), 1e-3)
+    place = np.zeros(1, np.int64), np.array([first])
+    window = Windows(simulator, *place, commands, past, start, spread, measured, noise, np.zeros((1, 2 * n)), slopes, DEFAULT.free)
+    by_differences = window.linearised().slopes[0].reshape(rows, n, 2 * n) * 1e-3
+    analytic = np.stack([case.started(direction)[1:, :n] for direction in np.eye(2 * n)], -1)
+    assert np.abs(by_differences - analytic).max() < 0.02 * np.abs(analytic).max()
+    assert np.abs(analytic - np.concatenate((np.eye(n), np.zeros((n, n))), 1)).max() > 0.1, "or a start that simply stays would do"
 
 
 EFFECTS: dict[str, Callable[[float], Effect]] = {
