@@ -3,6 +3,7 @@
     python benchmarks/why_transfer_fails.py severity --policies 'leaderboard/results/broken_hopper/*/*/standard/seed*/policy.safetensors'
     python benchmarks/why_transfer_fails.py groundings --seeds 3
     python benchmarks/why_transfer_fails.py planned --gains 0 --gains 0.1
+    python benchmarks/why_transfer_fails.py plots
 
 Each study writes its figures to leaderboard/studies/ and its table into the page, between the marks that bear its name. Studies take minutes to hours of one
 core, and write after each row what there is; nothing of it chooses among methods on test pairs.
@@ -39,6 +40,7 @@ from mpge_bench.harness.run import RunSettings, problem_of
 
 ROOT = Path(__file__).parents[1]
 PAGE, STUDIES = ROOT / "docs" / "why-transfer-fails.md", ROOT / "leaderboard" / "studies"
+PLOTS = ROOT / "docs" / "plots"
 #: How much of its torque the motor delivers that is dead in the target.
 GAINS = (0.0, 0.02, 0.05, 0.1, 0.2)
 app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
@@ -140,6 +142,49 @@ def planned(task: _TASK = "broken_hopper", gains: Annotated[list[float], typer.O
         there, here = (returns(_at(task, one).target, policy).mean for one in (gain, 0.0))
         rows.append({"gain in the grounding": gain, "action error": error, "return in the grounding": round(there), "return in the target": round(here)})
         _write("planned", rows, 3)
+
+
+@app.command()
+def plots() -> None:
+    """Draw what the studies (a), (b) and (e) have found: docs/plots/why-*.png."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt
+
+    found = {name: json.loads((STUDIES / f"{name}.json").read_text()) for name in ("severity", "planned", "paper_grounding")}
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained", sharey=True)
+    gains = [100 * gain for gain in GAINS]
+    for number, (kind, group) in enumerate(itertools.groupby(found["severity"], key=_kind)):
+        for row in group:
+            panels[0].plot(gains, [row[f"{gain:.0%}"] for gain in GAINS], "o-", color=f"C{number}", alpha=0.7, markersize=3, label=kind)
+    panels[0].set(xlabel="what the dead motor delivers there, %", ylabel="return", title="(a) finished policies, at a little torque")
+    errors = [row["action error"] for row in found["planned"]]
+    for place, marker in (("grounding", "o--"), ("target", "s-")):
+        panels[1].plot(errors, [row[f"return in the {place}"] for row in found["planned"]], marker, label=f"in the {place}")
+    panels[1].set(xlabel="action error of the planned grounding", title="(b) agents learnt at a little torque")
+    _save(figure, "why-severity")
+    figure, axes = plt.subplots(figsize=(4.8, 3.2), layout="constrained")
+    curve = found["paper_grounding"]["action_error_by_steps"]
+    axes.semilogx([int(steps) / 1e6 for steps in curve], list(curve.values()), "o-", label="mpg, paper preset, seed 0")
+    axes.axhline(found["paper_grounding"]["source"], color="0.6", linestyle="--", label="no grounding")
+    axes.set(xlabel="million grounding steps", ylabel="action error", ylim=(0, None))
+    _save(figure, "why-paper-grounding")
+
+
+def _kind(row: dict[str, Any]) -> str:
+    """Policies of one method and budget are drawn alike."""
+    return "J* (target-optimal)" if row["policy"].startswith("target_") else " ".join(row["policy"].split()[:2])
+
+
+def _save(figure: Any, name: str) -> None:
+    """Write the plot, each label once in the legend of its panel."""
+    for axes in figure.axes:
+        labels = axes.get_legend_handles_labels()
+        known = dict(zip(labels[1], labels[0], strict=True))
+        axes.legend(known.values(), known.keys(), frameon=False, fontsize="small")
+    PLOTS.mkdir(parents=True, exist_ok=True)
+    figure.savefig(PLOTS / f"{name}.png", dpi=110)
 
 
 if __name__ == "__main__":
