@@ -1,4 +1,4 @@
-"""Metrics of small runs come out as they once did: the same numbers on the same platform, elsewhere what does not hang on learning within bounds.
+"""Metrics of small runs come out as they once did: the same numbers on the same platform, elsewhere within bounds.
 
 `python tests/mpge_bench/harness/test_regression.py` writes this platform's anew and leaves out those that no longer hold, where a change of the metrics was
 meant or the platform is new; the commit says why.
@@ -31,7 +31,11 @@ RUNS = (
 )
 #: What hangs on the simulator, the shipped policies and the harness alone, and by what share another machine or version may move it: rounding
 #: bends an episode's end, not the mean of fifty.
-MEASURED = {"direct": 0.02, "optimal": 0.02, "action_error_source": 1e-3, "transition_error_source": 1e-3}
+MEASURED = {"direct": 0.02, "optimal": 0.02, "action_error_source": 1e-3, "transition_error_source": 1e-3, "target_samples": 0.0, "simulator_steps": 0.0}
+#: What is learnt, and hangs on rounding: of three processors two came to the same, the third to errors of up to 3% more, all to the same returns.
+LEARNT = dict.fromkeys(("policy", "grounded", "action_error_value", "transition_error_value"), 0.1)
+#: Errors below are rounding.
+_EXACT = 1e-6
 
 
 def name_of(settings: RunSettings) -> str:
@@ -80,9 +84,9 @@ def test_metrics_are_what_they_were(settings: RunSettings) -> None:
         if all(stored[key] == found[key] for key in ("versions", "platform")):
             assert found["figures"] == stored["figures"]
         assert set(found["figures"]) == set(stored["figures"])
-        for name, share in MEASURED.items():
-            if name in stored["figures"]:
-                assert found["figures"][name] == pytest.approx(stored["figures"][name], rel=share), name
+        for name, share in (MEASURED | LEARNT).items():
+            if stored["figures"].get(name) is not None:
+                assert found["figures"][name] == pytest.approx(stored["figures"][name], rel=share, abs=_EXACT), name
     assert all(value is None or math.isfinite(value) for value in found["figures"].values())
 
 
