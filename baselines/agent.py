@@ -59,6 +59,8 @@ class AgentSettings(PPOSettings):
     def __post_init__(self) -> None:
         if min(self.rounds, self.candidates, self.finalists, self.checkpoints, self.episodes) < 1:
             raise UserError("settings rounds, candidates, finalists, checkpoints and episodes take 1 or more")
+        if self.steps < 0:
+            raise UserError(f"setting steps is {self.steps}; give 0, for no learning at all, or more")
 
     @property
     def compares(self) -> bool:

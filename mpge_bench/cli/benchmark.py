@@ -121,6 +121,7 @@ def sweep(
     process is killed from outside (out of memory) is tried once more. Exit status 2 if any run failed.
     """
     from mpge_bench.console import ConsoleProgress
+    from mpge_bench.files import check_writable
     from mpge_bench.harness import engines
     from mpge_bench.harness.plan import Grid, plan_of, read_grid
     from mpge_bench.harness.sweep import Outcome
@@ -133,6 +134,7 @@ def sweep(
     given = {key: value for key, value in flags.items() if value is not None}
     asked = (read_grid(config) if config else {}) | given
     plan = plan_of(Grid(**asked), out, (out, Path("leaderboard/results")), None if given else config)
+    check_writable(out)
     failed: list[str] = []
     with engines.engine(engine, jobs, address) as chosen, ConsoleProgress() as progress:
 
@@ -152,7 +154,11 @@ def sweep(
         if plan.missing:
             progress.stage(f"{len(plan.missing)} runs", len(plan.missing))
             make(plan.missing, out, policies, chosen, tell)
-    results = collect(out)
+    try:
+        results = collect(out)
+    except UserError as error:
+        console.print(f"{error}\nSo the tables are of this sweep's runs alone.", markup=False, soft_wrap=True)
+        results = collect(out, {one.folder(out) / "result.json" for one in plan.runs})
     tables = sheets(results) if len(results) else []
     if as_json:
         print(plain_json({"runs": len(plan.missing), "failed": failed, "tables": [sheet.data() for sheet in tables]}))

@@ -106,6 +106,10 @@ def diagnose(
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)
     models = [name for name in (*MODELS, NEXT_EXPERIMENT) if (out / name).exists()]
     _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *models]))
+    for name, one in found.models.items():
+        if one.left_out:
+            lacking = ", ".join(f"{effect.name} of {effect.target}" for effect in one.left_out)
+            console.print(f"{name} cannot hold {lacking}; corrected.yaml does", markup=False, soft_wrap=True)
 
 
 def _diagnose_pair(

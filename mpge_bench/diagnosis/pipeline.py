@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,7 +32,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.bullet import simulate
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.report.page import report_html
-from mpge_bench.diagnosis.report.simulators import MODELS, beside_report
+from mpge_bench.diagnosis.report.simulators import MODELS, Exported, beside_report
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.diagnosis.verdict.conclude import conclude
 from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
@@ -61,12 +61,14 @@ class Diagnosis:
         effects: chosen, with fitted parameters.
         corrected: the content of corrected.yaml, its robot path absolute.
         commands: of the next experiment, shape (rows, joints), if there is one.
+        models: of other simulators, by the names of their files, where these were written.
     """
 
     result: DiagnosisResult
     effects: tuple[Effect, ...]
     corrected: dict[str, Any]
     commands: npt.NDArray[np.float64] | None = None
+    models: Mapping[str, Exported] = field(default_factory=dict)
 
     @property
     def summary(self) -> tuple[str, ...]:
@@ -159,13 +161,14 @@ def diagnose_files(
     rig = read_rig(rig_path)
     recordings = read_recordings(find_recordings(patterns), rig, settings.data)
     found = diagnose(rig, recordings, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, settings=settings, stated=stated)
+    found = replace(found, models=beside_report(rig, found.effects, out))
     out.mkdir(parents=True, exist_ok=True)
     robot = os.path.relpath(rig.model.path.resolve(), out.resolve())
     texts = {
         "report.html": report_html(found.result),
         "corrected.yaml": yaml.safe_dump(found.corrected if rig.robot else {**found.corrected, "robot": robot}, sort_keys=False),
         "diagnosis.json": json.dumps(found.data, indent=1),
-        **beside_report(rig, found.effects, out),
+        **{name: one.text for name, one in found.models.items()},
     }
     for name, text in texts.items():
         write_text(out / name, text)

@@ -67,15 +67,25 @@ class Compared:
         figures = {"p": self.p_value(), "smallest_possible_p": self.least(), "difference": self.difference()}
         return {**self.sheet(names).data(), "verdict": self.verdict(), **figures}
 
+    def apart(self) -> list[Row]:
+        """Rows that differ beyond chance by themselves, as many as are looked at being allowed for (Bonferroni): over all, opposite ones cancel."""
+        return [row for row in self.rows if row.p_value() * len(self.rows) < SIGNIFICANCE] if len(self.rows) > 1 else []
+
     def verdict(self) -> str:
         """In a line."""
+        found = self._on_average()
+        for row in self.apart():
+            found += f" By itself {row.name} differs: the first is {'higher' if row.one.mean() > row.other.mean() else 'lower'} (p = {row.p_value():.2g})."
+        return found
+
+    def _on_average(self) -> str:
         p, least = self.p_value(), self.least()
         apart = f"normalised return {abs(self.difference()):.2f} {'higher' if self.difference() > 0 else 'lower'} on average"
         if p < SIGNIFICANCE:
             return f"They differ beyond chance: the first is {apart} (p = {p:.2g})."
         if least >= SIGNIFICANCE:
             return f"Too few runs to tell: however far apart they are, p is at least {least:.2g} ({apart}, p = {p:.2g})."
-        return f"No difference beyond chance ({apart}, p = {p:.2g})."
+        return f"No difference beyond chance{' on average' if len(self.rows) > 1 else ''} ({apart}, p = {p:.2g})."
 
     def least(self) -> float:
         """The smallest p-value that so many runs could have."""

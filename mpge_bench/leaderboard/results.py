@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,8 +33,11 @@ _SECTIONS = {
 }
 
 
-def collect(folder: Path) -> pd.DataFrame:
+def collect(folder: Path, only: Collection[Path] | None = None) -> pd.DataFrame:
     """One row a result found anywhere under `folder`, with where it lies; another for the oracle's choice where there is one.
+
+    Args:
+        only: files that are looked at; all if not given.
 
     Raises:
         UserError: if results are of an earlier protocol, or results of one pair were made with different physics, or
@@ -43,6 +46,8 @@ def collect(folder: Path) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     old: list[Path] = []
     for path in files_under(folder):
+        if only is not None and path not in only:
+            continue
         try:
             result = read_result(path)
         except OldResultError:

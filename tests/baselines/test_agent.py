@@ -95,6 +95,11 @@ def test_settings_that_make_no_sense_are_one_line(name):
         dataclasses.replace(CHOOSING, **{name: 0})
 
 
+def test_less_than_no_steps_are_refused():
+    with pytest.raises(UserError, match="setting steps is -1; give 0, for no learning at all, or more"):
+        AgentSettings(steps=-1)
+
+
 def test_half_as_many_starts_go_on_from_the_third_round_on(pendulum_policies, begun):
     learn(TASK.source, dataclasses.replace(CHOOSING, rounds=3, checkpoints=1), 0, starts=pendulum_policies.weights)
     assert begun[3] is not begun[4]

@@ -99,6 +99,20 @@ def test_sweep_goes_on_where_it_was_killed_and_past_failures(policy_folder, tmp_
     assert list(out.rglob("*.partial")) == []
 
 
+def test_a_sweeps_tables_do_not_hang_on_what_else_is_in_its_folder(policy_folder, tmp_path, in_process, write_result, refused):
+    out = tmp_path / "out"
+    for number in (1, 2):
+        write_result(out / f"old/{number}/result.json", 0.5, fingerprints={"robot": "aa", "pair": f"b{number}"})
+    arguments = ("sweep", "--task", "biased_pendulum", "--method", "direct", "--preset", "smoke", "--seeds", 1, "--policies", policy_folder, "--jobs", 1)
+    code, said, err = in_process(*arguments, "--out", out)
+    assert code == 0, err
+    assert "So the tables are of this sweep's runs alone." in said
+    assert "biased_pendulum" in said.partition("alone.")[2]
+    (tmp_path / "file").write_text("")
+    err = refused(*arguments, "--out", tmp_path / "file/out")
+    assert f"{tmp_path}/file/out: cannot be written to (Not a directory); choose another folder with --out" in err
+
+
 def test_sweep_names_a_method_that_fails_and_goes_on(policy_folder, tmp_path):
     method = "from mpge_bench.baselines.method import Method\nclass Mine(Method):\n    def train(self, *_, **__):\n        raise OSError('[/dev/shm] is full')"
     (tmp_path / "mine.py").write_text(method)

@@ -33,12 +33,12 @@ class Exported:
     left_out: tuple[Effect, ...]
 
 
-def beside_report(rig: Rig, effects: Sequence[Effect], out: Path) -> dict[str, str]:
+def beside_report(rig: Rig, effects: Sequence[Effect], out: Path) -> dict[str, Exported]:
     """By name those of `MODELS` that `rig` with `effects` can be written to, to lie in `out`: the second where MuJoCo can read it; none of other rigs."""
     found = {}
     for name in MODELS:
         with suppress(UserError):
-            found[name] = exported(rig, out / name, effects).text
+            found[name] = exported(rig, out / name, effects)
     return found
 
 

@@ -7,6 +7,7 @@ import socket
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from mpge_bench import numerics
@@ -63,12 +64,24 @@ class RayEngine:
                         found = self._ray.get(one)
                     except self._ray.exceptions.RayError as error:
                         found = Killed(type(error).__name__)
+                    if isinstance(found, _Elsewhere):
+                        raise UserError(f"{found.what}; start the sweep in a folder that all machines of the cluster share")
                     yield call, found
         finally:
             for one in under_way:
                 self._ray.cancel(one, force=True)
 
 
-def _in_folder(folder: str, work: Callable[[Call], Found], call: Call) -> Found:
-    os.chdir(folder)
+@dataclass(frozen=True)
+class _Elsewhere:
+    """In place of what a call would have come to on a machine that has not the folder that it is made in; `what` is wrong there."""
+
+    what: str
+
+
+def _in_folder(folder: str, work: Callable[[Call], Found], call: Call) -> Found | _Elsewhere:
+    try:
+        os.chdir(folder)
+    except OSError as error:
+        return _Elsewhere(f"{folder}: the machine {socket.gethostname()} of the cluster cannot work in this folder ({error.strerror})")
     return work(call)

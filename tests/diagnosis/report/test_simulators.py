@@ -13,7 +13,7 @@ import pytest
 
 from mpge_bench.diagnosis import pipeline
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.report.simulators import beside_report, exported
+from mpge_bench.diagnosis.report.simulators import Exported, beside_report, exported
 from mpge_bench.envs.effects import (
     Armature,
     CoulombFriction,
@@ -168,11 +168,11 @@ def test_what_mujoco_does_not_take_is_refused_in_a_line_and_left_out_of_a_report
 
 def test_model_files_of_an_earlier_diagnosis_do_not_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = corrected(tmp_path)
-    found = SimpleNamespace(result=None, effects=(), corrected={}, data={}, commands=None)
+    found = pipeline.Diagnosis(SimpleNamespace(to_json=dict), (), {})  # type: ignore[arg-type]
     for name, value in (("diagnose", found), ("read_recordings", []), ("find_recordings", []), ("report_html", "")):
         monkeypatch.setattr(pipeline, name, lambda *arguments, value=value, **named: value)
     (tmp_path / "corrected.xml").write_text("of another rig")
-    monkeypatch.setattr(pipeline, "beside_report", lambda rig, effects, out: {"corrected.urdf": "<robot/>"})
+    monkeypatch.setattr(pipeline, "beside_report", lambda rig, effects, out: {"corrected.urdf": Exported("<robot/>", ())})
     pipeline.diagnose_files(rig.path, [], tmp_path)
     assert (tmp_path / "corrected.urdf").exists()
     assert not (tmp_path / "corrected.xml").exists()

@@ -29,6 +29,16 @@ def test_several_pairs_tell_together_what_each_is_too_few_for():
     assert Compared((row, row, row)).p_value() < 0.01
 
 
+def test_opposite_differences_of_two_pairs_are_said_though_they_cancel():
+    low, high = np.linspace(0.1, 0.2, 6), np.linspace(0.8, 0.9, 6)
+    found = Compared((Row("a", high, low), Row("b", low, high)))
+    assert found.p_value() > 0.9
+    assert found.verdict().startswith("No difference beyond chance on average")
+    assert "By itself a differs: the first is higher (p = 0.00" in found.verdict()
+    assert "By itself b differs: the first is lower (p = 0.00" in found.verdict()
+    assert not Compared((Row("a", high, high), Row("b", low, low))).apart()
+
+
 def test_p_is_uniform_where_nothing_differs():
     rng = np.random.default_rng(0)
     p = [Row("a", *rng.normal(size=(2, 5))).p_value() for _ in range(200)]

@@ -32,6 +32,12 @@ def test_calls_are_made_as_here_and_a_killed_one_is_an_answer(tmp_path, monkeypa
     assert {(folder, fixed) for _, folder, fixed in found.values()} == {(str(tmp_path), numerics.is_fixed())}
 
 
+def test_a_machine_without_the_sweeps_folder_ends_it_in_a_line(monkeypatch):
+    monkeypatch.setattr("mpge_bench.harness.engines.ray.os.getcwd", lambda: "/nowhere")
+    with engine("ray", 1) as ray, pytest.raises(UserError, match=r"/nowhere: the machine .* cannot work in this folder \(No such file or directory\)"):
+        list(ray.side_by_side(_place, ["a"]))
+
+
 def test_no_cluster_there():
     with pytest.raises(UserError, match=r"no Ray cluster at 127\.0\.0\.1:1 .*; `ray start --head` starts one"), engine("ray", 1, "127.0.0.1:1"):
         pass
