@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ SHARES = ("25", "50", "75", "100")
 ORACLE = " (oracle)"
 #: An aggregate over fewer pairs says nothing that the pair's own rows do not.
 FEWEST_PAIRS = 2
+#: A further table over more pairs is to compare more than the source policies and one method.
+FEWEST_METHODS = 3
 #: Parts of the tables in their order, by `Task.track`, and what stands above them.
 _SECTIONS = {
     "development": "Development pairs, on which settings were chosen",
@@ -208,7 +210,8 @@ class Comparison:
 
 
 def comparisons(found: pd.DataFrame) -> list[Comparison]:
-    """A comparison for each preset (without changes) and budget, over the pairs that all methods have; methods with a single pair are left out.
+    """Comparisons for each preset (without changes) and budget: of all methods over the pairs that all of them have, and, where that is more, of fewer
+    methods over more pairs. Methods with a single pair are left out.
 
     Where a method has more runs on one pair than on another, those of the lowest seeds count.
     """
@@ -218,16 +221,31 @@ def comparisons(found: pd.DataFrame) -> list[Comparison]:
         for samples in sorted(set(of_preset["samples"]) - {0}) or [0]:
             here = of_preset[of_preset["samples"].isin((0, samples))]
             having = {str(method): set(group["task"]) for method, group in here.groupby("method") if group["task"].nunique() >= FEWEST_PAIRS}
-            pairs = tuple(sorted(set.intersection(*having.values()))) if having else ()
-            if len(pairs) < FEWEST_PAIRS or len(having) < 2:
+            # Methods that draw nothing do not differ by the budget.
+            if samples and not set(here.loc[here["samples"] == samples, "method"]) & having.keys():
                 continue
-            runs = {method: _as_many(here[here["method"] == method], pairs) for method in having}
-            scores = {method: np.stack([one["normalized_return"].to_numpy(float) for one in own], axis=1) for method, own in runs.items()}
-            best = sorted(scores, key=lambda method: (-interquartile_mean(scores[method]), method))
-            made.append(
-                Comparison(str(preset), int(samples), pairs, {method: scores[method] for method in best}, {method: pd.concat(runs[method]) for method in best})
-            )
+            made += [_comparison(str(preset), int(samples), pairs, methods, here) for pairs, methods in _covered(having)]
     return made
+
+
+def _covered(having: Mapping[str, Collection[str]]) -> Iterator[tuple[tuple[str, ...], list[str]]]:
+    """Pairs and methods that have all of them, `having` the pairs of each method: all methods, and those that make the largest table, if it has more pairs."""
+    if len(having) < 2:
+        return
+    common = set.intersection(*map(set, having.values()))
+    if len(common) >= FEWEST_PAIRS:
+        yield tuple(sorted(common)), list(having)
+    tables = [(set(pairs), [method for method, own in having.items() if set(pairs) <= set(own)]) for pairs in having.values()]
+    pairs, methods = max(tables, key=lambda one: (len(one[0]) * len(one[1]), len(one[0])))
+    if len(pairs) > len(common) and len(methods) >= FEWEST_METHODS:
+        yield tuple(sorted(pairs)), methods
+
+
+def _comparison(preset: str, samples: int, pairs: tuple[str, ...], methods: Iterable[str], found: pd.DataFrame) -> Comparison:
+    runs = {method: _as_many(found[found["method"] == method], pairs) for method in methods}
+    scores = {method: np.stack([one["normalized_return"].to_numpy(float) for one in own], axis=1) for method, own in runs.items()}
+    best = sorted(scores, key=lambda method: (-interquartile_mean(scores[method]), method))
+    return Comparison(preset, samples, pairs, {method: scores[method] for method in best}, {method: pd.concat(runs[method]) for method in best})
 
 
 def _as_many(found: pd.DataFrame, pairs: tuple[str, ...]) -> list[pd.DataFrame]:

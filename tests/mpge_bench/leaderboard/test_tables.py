@@ -130,6 +130,25 @@ def test_methods_are_compared_over_the_pairs_that_all_of_them_have(tmp_path, sto
     assert direct["P(better than the next)"] == direct["P(better than direct)"] == "–"
 
 
+def test_fewer_methods_are_compared_over_more_pairs_too(tmp_path, store):
+    for task in "abcd":
+        for method in ("direct", "good", "fair"):
+            store(tmp_path, method, 0, 0.5, task=task)
+        if task in "ab":
+            store(tmp_path, "seldom", 0, 0.4, task=task)
+    found = [one.title for one in sheets(collect(tmp_path)) if "over" in one.title]
+    assert [title.partition(": ")[2] for title in found] == ["over 2 pairs, 10 target samples, smoke", "over 4 pairs, 10 target samples, smoke"]
+    assert [row["method"] for row in sheet(collect(tmp_path), "over 4 pairs, 10 target samples, smoke")] == ["direct", "fair", "good"]
+
+
+def test_a_budget_that_no_method_has_on_several_pairs_is_none_to_compare_at(tmp_path, store):
+    for task in "ab":
+        for method in ("direct", "perfect"):
+            store(tmp_path, method, 0, 0.5, task=task, samples=0)
+    store(tmp_path, "learns", 0, 0.4, task="a", samples=25_000)
+    assert not [one.title for one in sheets(collect(tmp_path)) if "25,000 target samples, " in one.title]
+
+
 def test_one_pair_is_no_aggregate(tmp_path, store):
     for seed in range(5):
         store(tmp_path, "one", seed, 0.5)
