@@ -40,6 +40,8 @@ from mutations import FORMS, canary, spoilt
 from rich.console import Console
 from rich.table import Table
 
+from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
 
 #: How long a file may take, s, and how many bytes it may add to what the process held before.
@@ -133,7 +135,6 @@ def _shipped(folder: Path) -> None:
 
 
 def _policies() -> None:
-    from mpge_bench.envs import get_task
     from mpge_bench.policies import load_set
 
     known = load_set(get_task("biased_pendulum"), "source", Path())
@@ -268,23 +269,109 @@ def _pair_in(folder: Path) -> None:
 
 
 def _pair() -> None:
-    from mpge_bench.envs import get_task
 
     get_task("pair.yaml").fingerprints()
 
 
 def _transitions_in(folder: Path) -> None:
-    rng = np.random.default_rng(0)
-    states = rng.normal(size=(61, 4))
-    np.savez_compressed(folder / "transitions.npz", observations=states[:-1], actions=rng.uniform(-1, 1, (60, 1)), next_observations=states[1:])
+    from mpge_bench.diagnosis.transitions.episodes import FORMATS, write_transitions
+
+    for ending in FORMATS:
+        write_transitions(_drawn(), folder / f"transitions{ending}")
 
 
-def _transitions() -> None:
-    from mpge_bench.diagnosis.transitions.episodes import read_transitions
-    from mpge_bench.envs import get_task
+def _drawn() -> Episodes:
+    """Of a pendulum that moves as its velocities say, by chance."""
+    rng, dt = np.random.default_rng(0), get_task("biased_pendulum").robot.dt
+    speeds = rng.normal(size=(61, 2))
+    states = np.concatenate((dt * np.cumsum(speeds, axis=0), speeds), axis=1)
+    return Episodes(states[:-1], rng.uniform(-1, 1, (60, 1)), states[1:])
 
-    found = read_transitions(Path("transitions.npz"), get_task("biased_pendulum").robot)
-    assert found.scale.shape == (4,)
+
+def _transitions(name: str) -> Callable[[], None]:
+    def load() -> None:
+        from mpge_bench.diagnosis.transitions.episodes import read_transitions
+
+        found = read_transitions(Path(name), get_task("biased_pendulum").robot)
+        assert found.scale.shape == (4,)
+
+    return load
+
+
+# What other tools record.
+
+
+def _minari_in(folder: Path) -> None:
+    from mpge_bench.exchange.minari import write_transitions
+
+    write_transitions(_drawn(), get_task("biased_pendulum"), folder / "drawn")
+
+
+def _minari() -> None:
+    from mpge_bench.exchange.minari import read_transitions
+
+    read_transitions(Path("drawn"), get_task("biased_pendulum").robot)
+
+
+def _bag_in(ending: str) -> Callable[[Path], None]:
+    def write(folder: Path) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        _rig_in(folder)
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        types: Any = store.types
+        plugin = StoragePlugin.MCAP if ending == "mcap" else StoragePlugin.SQLITE3
+        with Writer(folder / "bag", version=9, storage_plugin=plugin) as bag:
+            for topic in ("/joint_states", "/joint_commands"):
+                connection = bag.add_connection(topic, "sensor_msgs/msg/JointState", typestore=store)
+                for row in range(20):
+                    stamp = types["builtin_interfaces/msg/Time"](sec=1, nanosec=row * 10_000_000)
+                    header, one = types["std_msgs/msg/Header"](stamp=stamp, frame_id=""), np.array([0.1 * row])
+                    message = types["sensor_msgs/msg/JointState"](header=header, name=["hinge"], position=one, velocity=one, effort=one)
+                    bag.write(connection, 1_000_000_000 + row * 10_000_000, store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
+        (found,) = (folder / "bag").glob(f"*.{ending}")
+        found.rename(folder / "bag" / f"bag.{ending}")
+        said = (folder / "bag" / "metadata.yaml").read_text()
+        (folder / "bag" / "metadata.yaml").write_text(said.replace(found.name, f"bag.{ending}"))
+
+    return write
+
+
+def _lerobot_in(folder: Path) -> None:
+    _rig_in(folder)
+    for place in ("meta", "data/chunk-000"):
+        (folder / "arms" / place).mkdir(parents=True)
+    shared = {"dtype": "float32", "shape": [1], "names": ["hinge.pos"]}
+    info = {"codebase_version": "v3.0", "fps": 30, "features": {"observation.state": shared, "action": shared}}
+    (folder / "arms" / "meta" / "info.json").write_text(json.dumps(info))
+    at = np.arange(40, dtype=np.float32)
+    columns = {"observation.state": list(at[:, None] / 10), "action": list(at[:, None] / 9), "timestamp": at / np.float32(30)}
+    table = pd.DataFrame({**columns, "frame_index": np.arange(40), "episode_index": np.repeat((0, 1), 20)})
+    table.to_parquet(folder / "arms" / "data" / "chunk-000" / "file-000.parquet")
+
+
+def _isaac_in(folder: Path) -> None:
+    import torch
+
+    _rig_in(folder)
+    rows = torch.arange(20.0)
+    torch.save({"time": rows / 10, "dof_pos": rows[:, None], "des_dof_pos": -rows[:, None]}, folder / "chirp.pt")
+    table = pd.DataFrame({"timestamp": np.arange(20) / 10, "q1": np.arange(20.0), "dq1": 1.0, "cmd1": 2.0})
+    table.to_csv(folder / "isaac.csv", index=False)
+
+
+def _converted(name: str) -> Callable[[], None]:
+    """What `convert` does with it first."""
+
+    def load() -> None:
+        from mpge_bench.diagnosis.data.rig import read_rig
+        from mpge_bench.exchange.convert import read
+        from mpge_bench.exchange.series import Asked
+
+        read(Path(name), read_rig(Path("rig.yaml")), Asked(joints=("hinge",)))
+
+    return load
 
 
 # Settings.
@@ -400,7 +487,17 @@ KINDS: dict[str, Kind] = {
     "recording (Parquet)": Kind("recording.parquet", "parquet", _rig_in, _simulated("recording.parquet")),
     "pair": Kind("pair.yaml", "yaml", _pair_in, _pair),
     "pair's URDF": Kind("robot.urdf", "urdf", _pair_in, _pair),
-    "transitions": Kind("transitions.npz", "npz", _transitions_in, _transitions),
+    "transitions": Kind("transitions.npz", "npz", _transitions_in, _transitions("transitions.npz")),
+    "transitions (Parquet)": Kind("transitions.parquet", "parquet", _transitions_in, _transitions("transitions.parquet")),
+    "Minari: metadata": Kind("drawn/metadata.json", "json", _minari_in, _minari, also=("drawn",)),
+    "Minari: data": Kind("drawn/main_data.hdf5", "hdf5", _minari_in, _minari, also=("drawn",)),
+    "bag (MCAP)": Kind("bag/bag.mcap", "bytes", _bag_in("mcap"), _converted("bag"), also=("bag",)),
+    "bag (SQLite)": Kind("bag/bag.db3", "bytes", _bag_in("db3"), _converted("bag"), also=("bag",)),
+    "bag: metadata": Kind("bag/metadata.yaml", "yaml", _bag_in("db3"), _converted("bag"), also=("bag",)),
+    "LeRobot: info": Kind("arms/meta/info.json", "json", _lerobot_in, _converted("arms"), also=("arms",)),
+    "LeRobot: frames": Kind("arms/data/chunk-000/file-000.parquet", "parquet", _lerobot_in, _converted("arms"), also=("arms",)),
+    "PACE": Kind("chirp.pt", "bytes", _isaac_in, _converted("chirp.pt")),
+    "Isaac Sim (CSV)": Kind("isaac.csv", "csv", _isaac_in, _converted("isaac.csv")),
     "preset": Kind("gat.yaml", "yaml", _preset_in, _preset),
     "sweep": Kind("sweep.yaml", "yaml", _sweep_in, _sweep, imports=True),
     "concealed: answer": Kind("scores/c0000/answer.json", "json", _case_in, _scores),

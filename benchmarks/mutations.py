@@ -75,7 +75,7 @@ def spoilt(data: bytes, form: str, rng: random.Random) -> tuple[str, bytes]:
         name, change = rng.choice(FORMS[form])
         try:
             changed = change(data, rng)
-        except (ValueError, LookupError):  # nothing there to do this to
+        except (ValueError, TypeError, LookupError):  # nothing there to do this to
             continue
         if changed != data:
             return name, changed
@@ -421,6 +421,57 @@ def _swollen_table(data: bytes, rng: random.Random) -> bytes:
     return file.getvalue()
 
 
+# HDF5: data sets in groups.
+
+
+def _sets(data: bytes, rng: random.Random, change: Callable[[Any, Any], None]) -> bytes:
+    """The file with one of its data sets made anew by `change` (its group, and the set)."""
+    import h5py
+
+    file = io.BytesIO(data)
+    with h5py.File(file, "r+") as found:
+        places: list[str] = []
+        found.visititems(lambda name, one: places.append(name) if isinstance(one, h5py.Dataset) else None)
+        one = found[rng.choice(places)]
+        change(one.parent, one)
+    return file.getvalue()
+
+
+def _swollen_set(data: bytes, rng: random.Random) -> bytes:
+    """A data set of so many rows, none of which is in the file."""
+
+    def swell(group: Any, one: Any) -> None:
+        name, shape, kind = one.name, (BOMB, *one.shape[1:]), one.dtype
+        del group[name]
+        group.create_dataset(name, shape, kind, chunks=(1 << 20, *one_like(shape)), compression="gzip")
+
+    def one_like(shape: tuple[int, ...]) -> tuple[int, ...]:
+        return (1,) * (len(shape) - 1)
+
+    return _sets(data, rng, swell)
+
+
+def _set_of_another_kind(data: bytes, rng: random.Random) -> bytes:
+    """Texts, complex numbers, other shapes, or a group, where there were numbers."""
+
+    def exchange(group: Any, one: Any) -> None:
+        name, values = one.name, one[()]
+        del group[name]
+        how = rng.randrange(5)
+        if how == 0:
+            group.create_dataset(name, data=[b"x"] * len(values))
+        elif how == 1:
+            group.create_dataset(name, data=values.astype(complex))
+        elif how == 2:
+            group.create_dataset(name, data=rng.choice((values[:0], values[None], values.ravel()[:1], np.float64(1.0))))
+        elif how == 3:
+            group.create_dataset(name, data=np.full(values.shape, rng.choice((np.nan, np.inf, 1e308))))
+        else:
+            group.create_group(name)
+
+    return _sets(data, rng, exchange)
+
+
 # NPZ: arrays in a zip archive.
 
 
@@ -546,6 +597,8 @@ _HEADER = tuple((f"header: {name}", _in_header(change)) for name, change in _TRE
 _PLACES = (("header's size", _header_size), ("shape", _reshaped), ("absurd shape", _absurd_shape), ("numbers", _numbers_put), ("tensor left out", _one_less))
 #: By form of file, what is done to one and what that is called.
 FORMS: dict[str, tuple[tuple[str, Callable[[bytes, random.Random], bytes]], ...]] = {
+    "bytes": _BYTES,
+    "hdf5": (*_BYTES, *_BYTES, ("swollen", _swollen_set), ("kind", _set_of_another_kind)),
     "json": (*_BYTES, *_TEXT, *_JSON, *_JSON, *_JSON),
     "yaml": (*_BYTES, *_TEXT, *_YAML, *_YAML, *_YAML),
     "safetensors": (*_BYTES, *_HEADER, *_PLACES, *_PLACES),

@@ -5,14 +5,15 @@ from __future__ import annotations
 import importlib
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mpge_bench.envs.effects import effect_from_dict
+from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError, one_line
-from mpge_bench.envs.reading import reading, yaml_of
-from mpge_bench.envs.robots import ROBOTS
+from mpge_bench.envs.reading import at, reading, yaml_of
+from mpge_bench.envs.robots import ROBOTS, Robot
 from mpge_bench.envs.robots.urdf_robot import UrdfRobot
 from mpge_bench.envs.task import Task
 
@@ -44,6 +45,28 @@ def import_task(name: str) -> Task:
     return replace(found, address=name)
 
 
+def _described(path: Path, name: str, robot: Any) -> Robot:
+    try:
+        return UrdfRobot.from_dict(name, robot, path.parent)
+    except UserError as error:
+        raise UserError(f"{at(path, 'robot')}: {error}") from error
+
+
+def effects_in(path: Path, listed: Sequence[Any]) -> tuple[Effect, ...]:
+    """The effects that are `listed` under this key in the YAML file `path`.
+
+    Raises:
+        UserError: if one of them is none.
+    """
+    found = []
+    for index, item in enumerate(listed):
+        try:
+            found.append(effect_from_dict(item))
+        except UserError as error:
+            raise UserError(f"{at(path, 'effects', index)}: effects[{index}]: {error}") from error
+    return tuple(found)
+
+
 def read_task(path: Path) -> Task:
     """The pair in the YAML file `path`: ``robot`` (the name of a shipped one, or what `UrdfRobot` takes), ``effects``, and optionally ``name``, ``summary``.
 
@@ -56,14 +79,14 @@ def read_task(path: Path) -> Task:
         raise UserError(f"{path}: a pair has robot and effects, and may have name and summary; got {got}")
     robot, effects, name = data["robot"], data["effects"], data.get("name", path.stem)
     if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name):
-        raise UserError(f"{path}: the name is {name!r}; choose one of letters, digits, _ and -")
+        raise UserError(f"{at(path, 'name')}: the name is {name!r}; choose one of letters, digits, _ and -")
     if isinstance(robot, str) and robot not in ROBOTS:
-        raise UserError(f"{path}: unknown robot {robot!r}; choose one of {', '.join(ROBOTS)}, or describe your own (model, actuators, ...)")
+        raise UserError(f"{at(path, 'robot')}: unknown robot {robot!r}; choose one of {', '.join(ROBOTS)}, or describe your own (model, actuators, ...)")
     if not isinstance(effects, list) or not effects:
-        raise UserError(f"{path}: effects is a list of at least one effect, such as - {{effect: torque_gain, target: elbow, gain: 0.6}}")
+        raise UserError(f"{at(path, 'effects')}: effects is a list of at least one effect, such as - {{effect: torque_gain, target: elbow, gain: 0.6}}")
     with reading(path, "pair", "docs/pairs.md describes one"):
-        body = ROBOTS[robot] if isinstance(robot, str) else UrdfRobot.from_dict(name, robot, path.parent)
-        task = Task(name, body, tuple(map(effect_from_dict, effects)), str(data.get("summary", "")), "", address=str(path))
+        body = ROBOTS[robot] if isinstance(robot, str) else _described(path, name, robot)
+        task = Task(name, body, effects_in(path, effects), str(data.get("summary", "")), "", address=str(path))
         task.source()
         task.target()
     return task

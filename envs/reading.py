@@ -53,6 +53,11 @@ def text_of(path: Path) -> str:
     return data.decode("utf-8")
 
 
+def at(path: Path, *address: str | int) -> str:
+    """The YAML file `path`, which has been read before, and the line on which what has this `address` stands (see `yaml12.line_of`), for messages."""
+    return f"{path}, line {yaml12.line_of(text_of(path), *address)}"
+
+
 def json_of(path: Path, what: str, advice: str) -> Any:
     """What the JSON file `path` holds.
 

@@ -65,12 +65,26 @@ def load(text: str) -> Any:
         return yaml.load(text, _Loader)
 
 
-def lines(text: str) -> dict[str, int]:
-    """On which line, from 1, each key of the mapping that the document `text` is stands; none if it is no mapping.
+def line_of(text: str, *address: str | int) -> int:
+    """On which line, from 1, what has this `address` in the document `text` stands: the key in a mapping, the item in a list; its parent's, if it is not there.
+
+    Args:
+        address: keys and indices, from the outermost on.
 
     Raises:
         yaml.YAMLError: if it is no document.
     """
     with _one_kind_of_error():
-        node = yaml.compose(text, _Loader)
-    return {key.value: key.start_mark.line + 1 for key, _ in node.value} if isinstance(node, yaml.MappingNode) else {}
+        node, found = yaml.compose(text, _Loader), 1
+    for part in address:
+        if isinstance(node, yaml.MappingNode):
+            places = {key.value: (key, value) for key, value in node.value}
+        elif isinstance(node, yaml.SequenceNode):
+            places = {str(index): (item, item) for index, item in enumerate(node.value)}
+        else:
+            break
+        if str(part) not in places:
+            break
+        place, node = places[str(part)]
+        found = place.start_mark.line + 1
+    return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.envs import yaml12
 from mpge_bench.envs.errors import UserError
-from mpge_bench.envs.reading import reading
+from mpge_bench.envs.reading import reading, text_of
 from mpge_bench.exchange.series import Array, Asked, Read, Series, joined, ordered
 
 #: Topics by their usual names.
@@ -82,7 +83,7 @@ def _messages(path: Path, topics: Sequence[str]) -> tuple[Mapping[str, str], Map
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise UserError("bags of ROS 2 need rosbags: pip install 'mpge_bench[ros]'") from error
-    with reading(path, "bag", "if the recording was cut off, `mcap recover` or `ros2 bag reindex` may mend it"), Reader(path) as bag:
+    with reading(path, "bag", "if the recording was cut off, `mcap recover` or `ros2 bag reindex` may mend it"), _opened(path, Reader) as bag:
         kinds = {one.topic: one.msgtype for one in bag.connections}
         _check_topics(path, topics, kinds)
         # The types as ROS 2 has them, not as the bag says: rosbags would make code of those.
@@ -93,6 +94,13 @@ def _messages(path: Path, topics: Sequence[str]) -> tuple[Mapping[str, str], Map
             header = getattr(content, "header", None)
             found[connection.topic].append(Message(received, 0 if header is None else _nanoseconds(header.stamp), content))
     return kinds, found
+
+
+def _opened(path: Path, reader: Callable[[Path], Any]) -> Any:
+    """A bag, whose metadata, which rosbags reads whatever it is, is seen to be a text that a writer would write: a few lines of YAML may be any size."""
+    if path.is_dir():
+        yaml12.load(text_of(path / "metadata.yaml"))
+    return reader(path)
 
 
 def _nanoseconds(time: Any) -> int:

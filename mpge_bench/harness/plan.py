@@ -68,7 +68,7 @@ def read_grid(path: Path) -> dict[str, Any]:
     """
     with reading(path, _WHAT, _ADVICE):
         text = text_of(path)
-        data, lines = yaml12.load(text), yaml12.lines(text)
+        data = yaml12.load(text)
     hints = get_type_hints(Grid)
     if not isinstance(data, Mapping):
         raise UserError(f"{path}: not a sweep file; it has keys such as `tasks: [broken_hopper]`, among {', '.join(hints)}")
@@ -79,7 +79,7 @@ def read_grid(path: Path) -> dict[str, Any]:
                 raise UserError(f"unknown key {key}; there are {', '.join(hints)}")
             found[key] = checked(hints[key], value, key)
         except UserError as error:
-            raise UserError(f"{path}, line {lines.get(str(key), 1)}: {error}") from error
+            raise UserError(f"{path}, line {yaml12.line_of(text, str(key))}: {error}") from error
     return found
 
 

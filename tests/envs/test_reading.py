@@ -9,7 +9,7 @@ import yaml
 
 from mpge_bench.envs import yaml12
 from mpge_bench.envs.errors import UserError, one_line
-from mpge_bench.envs.reading import LARGEST, json_of, reading, yaml_of
+from mpge_bench.envs.reading import LARGEST, at, json_of, reading, yaml_of
 
 #: A few lines that are ten to the ninth values.
 LAUGHS = "\n".join(["l0: &l0 [lol, lol]", *(f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]" for n in range(1, 10))])
@@ -90,3 +90,10 @@ def test_one_line_is_short_and_harmless_on_a_terminal() -> None:
     assert len(said) < 2000
     assert said.startswith("first xx")
     assert said.endswith("xx last")
+
+
+def test_messages_name_the_line_on_which_a_key_or_an_item_stands(tmp_path):
+    path = tmp_path / "any.yaml"
+    path.write_text("one: 1\ntwo:\n  three: [1, 2]\n  four:\n  - a: 1\n  - {b: 2}\n")
+    lines = {("one",): 1, ("two", "four"): 4, ("two", "four", 1): 6, ("two", "four", 0, "a"): 5, ("two", "none"): 2, ("none",): 1, ("one", "deeper"): 1}
+    assert {address: at(path, *address) for address in lines} == {address: f"{path}, line {line}" for address, line in lines.items()}

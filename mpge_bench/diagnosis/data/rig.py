@@ -25,7 +25,7 @@ from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_para
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.model import Model
-from mpge_bench.envs.reading import reading
+from mpge_bench.envs.reading import at, reading
 from mpge_bench.envs.robots import Robot
 from mpge_bench.envs.world import World
 
@@ -201,11 +201,11 @@ def read_rig(path: Path) -> Rig:
 def _registered(path: Path, data: Mapping[str, Any]) -> Rig:
     """A robot of the benchmark, by its name or by that of a pair, as the source has it."""
     if not isinstance(data["task"], str):
-        raise UserError(f"{path}: task is {data['task']!r}; give the name of a robot or of a pair, such as hopper")
+        raise UserError(f"{at(path, 'task')}: task is {data['task']!r}; give the name of a robot or of a pair, such as hopper")
     robot = ROBOTS[data["task"]] if data["task"] in ROBOTS else stated_task(data["task"]).robot
     motors = "position" if robot.servos else "torque"
     modes = {joint: motors if joint in robot.actuators else "passive" for joint in robot.joints}
-    gravity, noise, listed = (0.0, 0.0, robot.gravity), noise_of(path, data), tuple(listed_of(path, data))
+    gravity, noise, listed = (0.0, 0.0, robot.gravity), noise_of(path, data), listed_of(path, data)
     return Rig(path, robot.load(), tuple(robot.joints), modes, robot.timestep, robot.dt, gravity, noise, listed, data, robot.friction is not None, robot)
 
 
@@ -215,9 +215,9 @@ def _described(path: Path, data: Mapping[str, Any]) -> Rig:
     period = number_of(path, data, "record_period", 0.01)
     gravity, noise = gravity_of(path, data), noise_of(path, data)
     if not isinstance(data["robot"], str):
-        raise UserError(f"{path}: robot is {data['robot']!r}; give the path of a URDF or MJCF file")
+        raise UserError(f"{at(path, 'robot')}: robot is {data['robot']!r}; give the path of a URDF or MJCF file")
     if data.get("base", "fixed") not in ("fixed", "free"):
-        raise UserError(f"{path}: base is {data['base']!r}; choose fixed or free")
+        raise UserError(f"{at(path, 'base')}: base is {data['base']!r}; choose fixed or free")
     model = Model(path.parent / data["robot"], floating=data.get("base") == "free")
     ground = ground_of(path, data)
     if ground is None:

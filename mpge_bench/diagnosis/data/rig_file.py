@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mpge_bench.envs.effects import Effect, effect_from_dict
+from mpge_bench.envs.custom import effects_in
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
-from mpge_bench.envs.reading import yaml_of
+from mpge_bench.envs.reading import at, yaml_of
 
 #: What to do where a file is no rig.
 ADVICE = "give a YAML file as docs/recordings.md describes"
@@ -28,7 +29,8 @@ def mapping_of(path: Path) -> dict[str, Any]:
     unknown, missing = set(data) - keys, needed - set(data)
     if unknown or missing:
         what = f"unknown key {sorted(map(str, unknown))[0]!r}" if unknown else f"no key {sorted(missing)[0]!r}"
-        raise UserError(f"{path}: {what}; a rig {'of a robot of the benchmark ' if 'task' in data else ''}has {', '.join(sorted(keys))}")
+        where = at(path, sorted(map(str, unknown))[0]) if unknown else path
+        raise UserError(f"{where}: {what}; a rig {'of a robot of the benchmark ' if 'task' in data else ''}has {', '.join(sorted(keys))}")
     return data
 
 
@@ -39,7 +41,7 @@ def ground_of(path: Path, data: Mapping[str, Any]) -> tuple[float, float] | None
         return None
     known = {"friction": 1.0, "restitution": 0.0}
     if not isinstance(ground, dict) or not set(ground) <= set(known) or not all(_is_number(value) and value >= 0 for value in ground.values()):
-        raise UserError(f"{path}: ground is {ground!r}; give numbers of at least 0, such as {{friction: 0.8, restitution: 0.0}}")
+        raise UserError(f"{at(path, 'ground')}: ground is {ground!r}; give numbers of at least 0, such as {{friction: 0.8, restitution: 0.0}}")
     friction, restitution = (float((known | ground)[name]) for name in known)
     return friction, restitution
 
@@ -48,7 +50,7 @@ def gravity_of(path: Path, data: Mapping[str, Any]) -> tuple[float, float, float
     """m/s²."""
     gravity = data.get("gravity", [0.0, 0.0, -9.81])
     if not (isinstance(gravity, list) and len(gravity) == 3 and all(_is_number(value) for value in gravity)):
-        raise UserError(f"{path}: gravity is {gravity!r}; give three numbers, m/s²")
+        raise UserError(f"{at(path, 'gravity')}: gravity is {gravity!r}; give three numbers, m/s²")
     x, y, z = (float(value) for value in gravity)
     return x, y, z
 
@@ -57,48 +59,43 @@ def noise_of(path: Path, data: Mapping[str, Any]) -> dict[str, float]:
     """Standard deviations that are stated, of q (rad, m) and dq (rad/s, m/s)."""
     noise = data.get("noise") or {}
     if not isinstance(noise, dict) or not set(noise) <= {"q", "dq"} or not all(_is_number(value) and value > 0 for value in noise.values()):
-        raise UserError(f"{path}: noise is {noise!r}; give positive numbers q (rad) and dq (rad/s)")
+        raise UserError(f"{at(path, 'noise')}: noise is {noise!r}; give positive numbers q (rad) and dq (rad/s)")
     return noise
 
 
 def check_joints(path: Path, joints: Any, model: Model) -> None:
     """All joints of the model must be recorded, and no others."""
     if not isinstance(joints, dict) or not (joints or model.floating):
-        raise UserError(f"{path}: joints is {joints!r}; give each recorded joint and its mode, such as elbow: {{mode: torque}}")
+        raise UserError(f"{at(path, 'joints')}: joints is {joints!r}; give each recorded joint and its mode, such as elbow: {{mode: torque}}")
     for joint in joints:
         if joint not in model.joints:
-            raise UserError(f"{path}: joint {joint!r} is not in {model.path.name}, which has {', '.join(model.joints) or 'no movable joint'}")
+            known = ", ".join(model.joints) or "no movable joint"
+            raise UserError(f"{at(path, 'joints', joint)}: joint {joint!r} is not in {model.path.name}, which has {known}")
     left = [joint for joint in model.joints if joint not in joints]
     if left:
-        raise UserError(f"{path}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
+        raise UserError(f"{at(path, 'joints')}: joint {left[0]!r} of {model.path.name} is not among the recorded joints; add it, or make it fixed in the model")
 
 
 def check_mode(path: Path, joint: str, settings: Any) -> None:
     """A joint's mode must be one of `_MODES`, with the settings that it takes."""
     if not isinstance(settings, dict):
-        raise UserError(f"{path}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
+        raise UserError(f"{at(path, 'joints', joint)}: joint {joint} is {settings!r}; give its mode, such as {joint}: {{mode: torque}}")
     mode = settings.get("mode")
     if not isinstance(mode, str) or mode not in _MODES:
-        raise UserError(f"{path}: joint {joint} has mode {mode!r}; choose torque, position or passive")
+        raise UserError(f"{at(path, 'joints', joint)}: joint {joint} has mode {mode!r}; choose torque, position or passive")
     needed, optional = _MODES[mode]
     given = {str(key) for key in settings} - {"mode"}
     if not needed <= given <= needed | optional:
         takes, got = (", ".join(sorted(names)) or "nothing more" for names in (needed | optional, given))
-        raise UserError(f"{path}: joint {joint} in {mode} mode takes {takes}; got {got}")
+        raise UserError(f"{at(path, 'joints', joint)}: joint {joint} in {mode} mode takes {takes}; got {got}")
 
 
-def listed_of(path: Path, data: Mapping[str, Any]) -> list[Effect]:
+def listed_of(path: Path, data: Mapping[str, Any]) -> tuple[Effect, ...]:
     """The rig's own list of effects."""
     listed = data.get("effects") or []
     if not isinstance(listed, list):
-        raise UserError(f"{path}: effects is {listed!r}; give a list")
-    found = []
-    for index, item in enumerate(listed):
-        try:
-            found.append(effect_from_dict(item))
-        except UserError as error:
-            raise UserError(f"{path}: effects[{index}]: {error}") from error
-    return found
+        raise UserError(f"{at(path, 'effects')}: effects is {listed!r}; give a list")
+    return effects_in(path, listed)
 
 
 def _is_number(value: Any) -> bool:
@@ -109,5 +106,5 @@ def number_of(path: Path, data: Mapping[str, Any], key: str, default: float) -> 
     """A positive number of seconds."""
     value = data.get(key, default)
     if not _is_number(value) or value <= 0:
-        raise UserError(f"{path}: {key} is {value!r}; give a positive number of seconds")
+        raise UserError(f"{at(path, key)}: {key} is {value!r}; give a positive number of seconds")
     return float(value)
