@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from mpge_bench.envs.errors import UserError
+from mpge_bench.harness.result import FORM
 from mpge_bench.leaderboard.verify import faults, measured_again, results_in
 
 STORED = Path(__file__).parents[3] / "leaderboard" / "results" / "biased_pendulum" / "mpg" / "n1000" / "standard" / "seed1"
@@ -84,6 +86,19 @@ def test_references_and_pair_are_held_against_the_shipped_ones(result):
     data["pair"]["development"] = False
     result.write_text(json.dumps(data))
     assert [one.partition(":")[0] for one in faults(result)] == ["pair.development", "returns.optimal"]
+
+
+def test_the_guide_names_every_entry_of_a_result():
+    guide = (Path(__file__).parents[3] / "leaderboard" / "SUBMITTING.md").read_text()
+
+    def missing(form):
+        for name, kind in form.items():
+            if f"`{name.removesuffix('?')}`" not in guide:
+                yield name
+            if isinstance(kind, Mapping):
+                yield from missing(kind)
+
+    assert not list(missing(FORM))
 
 
 def test_files_that_are_not_there_are_named(result):
