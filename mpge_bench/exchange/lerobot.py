@@ -21,6 +21,8 @@ STATES, COMMANDS, VELOCITIES = "observation.state", "action", "observation.veloc
 #: What the name of a value may have behind that of its joint: of positions, of velocities among the states, of a feature of velocities, of commands.
 #: LeRobot's own robots write shoulder_pan.pos.
 _POSITIONS, _AMONG, _VELOCITIES, _COMMANDS = ("", ".pos"), (".vel",), ("", ".vel"), ("", ".pos", ".effort", ".torque")
+#: Columns that each frame has, and what numpy calls the kinds of numbers that they may be.
+_NUMBERED = {"timestamp": "iuf", "episode_index": "iu"}
 
 
 def is_lerobot(path: Path) -> bool:
@@ -41,9 +43,6 @@ def read_lerobot(path: Path, rig: Rig, asked: Asked) -> list[Read]:
     for option, feature in (("--states", states), ("--commands", commands)):
         if feature not in frames:
             raise UserError(f"{path}: has no feature {feature}; name another with {option}: the data set has {', '.join(map(str, frames))}")
-    for column in ("timestamp", "episode_index"):
-        if column not in frames:
-            raise UserError(f"{path}: its data has no column {column}; every LeRobot data set from version 2 on has one")
     width = max(4, len(str(frames["episode_index"].max())))
     found = []
     for episode, part in frames.groupby("episode_index", sort=True):
@@ -68,7 +67,13 @@ def _frames(path: Path) -> tuple[Mapping[str, Any], pd.DataFrame]:
         files = sorted((path / "data").rglob("*.parquet"))
         if not files:
             raise FileNotFoundError("no Parquet file below data/")
-        return features, pd.concat([parquet_table(file) for file in files], ignore_index=True)
+        frames = pd.concat([parquet_table(file) for file in files], ignore_index=True)
+        for column, kinds in _NUMBERED.items():
+            if column not in frames:
+                raise UserError(f"its data has no column {column}; every LeRobot data set from version 2 on has one")
+            if frames[column].dtype.kind not in kinds:
+                raise ValueError(f"its column {column} does not hold {'whole ' * (kinds == 'iu')}numbers alone")
+        return features, frames
 
 
 def _columns(where: str, cells: pd.Series[Any], feature: Any, prefix: str, endings: Sequence[str], rig: Rig, asked: Asked) -> dict[str, Array]:

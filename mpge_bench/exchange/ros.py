@@ -92,7 +92,7 @@ def _messages(path: Path, topics: Sequence[str]) -> tuple[Mapping[str, str], Map
         for connection, received, raw in bag.messages([one for one in bag.connections if one.topic in topics]):
             content: Any = store.deserialize_cdr(raw, connection.msgtype)
             header = getattr(content, "header", None)
-            found[connection.topic].append(Message(received, 0 if header is None else _nanoseconds(header.stamp), content))
+            found[connection.topic].append(Message(_whole(received), 0 if header is None else _nanoseconds(header.stamp), content))
     return kinds, found
 
 
@@ -101,6 +101,13 @@ def _opened(path: Path, reader: Callable[[Path], Any]) -> Any:
     if path.is_dir():
         yaml12.load(text_of(path / "metadata.yaml"))
     return reader(path)
+
+
+def _whole(received: Any) -> int:
+    """A time of receipt as SQLite has it, which keeps texts in columns of numbers, too."""
+    if not isinstance(received, int):
+        raise TypeError(f"a message was received at {received!r}, which is no whole number of nanoseconds")
+    return received
 
 
 def _nanoseconds(time: Any) -> int:

@@ -17,7 +17,8 @@ import hostile_files
 from hostile_files import KINDS, Kind, tried
 from mutations import Payload, spoilt
 
-pytest.importorskip("mujoco")
+for _needed in ("mujoco", "rosbags", "minari"):
+    pytest.importorskip(_needed)
 #: Of each kind; fewer where every one is read by several commands, or has to be packed.
 COUNT, FEW = 15, {"result": 3, "recording (Parquet)": 5, "transitions": 5}
 

@@ -81,6 +81,8 @@ def test_velocities_are_a_feature_or_among_the_states(rig: Rig, tmp_path: Path) 
         (frames(0, action=["left"] * 4), NAMES, Asked(), "episode 0, action: is not one list of numbers a frame"),
         (frames(0, action=[np.array([0.0, np.nan, 0.0])] * 4), NAMES, Asked(), "episode 0, action: sample 1: u_shoulder is nan"),
         (frames(0).drop(columns="timestamp"), NAMES, Asked(), "its data has no column timestamp"),
+        (frames(0).assign(episode_index=[{"a": 1}] * 4), NAMES, Asked(), "its column episode_index does not hold whole numbers alone"),
+        (frames(0).assign(timestamp=[[0.1, 0.2]] * 4), NAMES, Asked(), "its column timestamp does not hold numbers alone"),
     ],
 )
 def test_what_cannot_be_a_recording_is_refused(rig: Rig, tmp_path: Path, episode: pd.DataFrame, names: Any, asked: Asked, said: str) -> None:

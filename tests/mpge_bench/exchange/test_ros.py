@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +76,15 @@ def test_any_bag_comes_out_as_it_went_in(rig: Rig, tmp_path_factory: pytest.Temp
     assert table["q_elbow"].tolist() == other.tolist()
     assert table["u_elbow"].tolist() == u.tolist()
     assert np.allclose(table["time"], (stamps - stamps[0]) / 1e9, rtol=0, atol=1e-9)
+
+
+def test_a_time_that_is_a_text_is_refused(rig: Rig, tmp_path: Path) -> None:
+    """SQLite keeps it where a number should be."""
+    bag = write_bag(tmp_path / "run", {STATES: (JOINT_STATE, states(4)), COMMANDS: (JOINT_STATE, torques(4))})
+    (file,) = bag.glob("*.db3")
+    with closing(sqlite3.connect(file)) as database, database:
+        database.execute("UPDATE messages SET timestamp = 'noon' WHERE id = 3")
+    assert "a message was received at 'noon', which is no whole number of nanoseconds" in refusal(bag, rig)
 
 
 def test_commands_without_stamps_are_brought_to_the_states_clock(rig: Rig, tmp_path: Path) -> None:
