@@ -83,6 +83,8 @@ class Trials:
         # No right model does better than its physics step.
         stepped = np.mean(predictor.halved_error[problem.choosing] ** 2, (0, 1))
         self._floor = float(np.sqrt(np.mean(layout.dx(floors) ** 2 + layout.dx(stepped))))
+        #: What starting states leave of what half the step changes, as a sum of squares in standard deviations of the noise.
+        self._stepped = float(np.sum(predictor.project(predictor.halved_error) ** 2))
         self.models: list[Model] = [self.nominal]
 
     @property
@@ -144,7 +146,14 @@ class Trials:
         if self.are_far([simple, rich]):
             before, after = (self._used(one.effects) ** 2 for one in (simple, rich))
             return after < (1 - least) * before
+        if self._explained(simple, rich) < self.settings.step_told * self._stepped:
+            return False
         return is_better(self.problem, simple, rich) and not (materially and gain(simple, rich, self.problem.validation)[0] < least)
+
+    def _explained(self, simple: Model, rich: Model) -> float:
+        """What `rich` explains beyond `simple`: a sum of squares in standard deviations of the noise."""
+        entries = self.fitter.predictor.halved_error[0].size
+        return float(entries * np.sum(simple.missed_beside(rich) - rich.missed_beside(simple)))
 
     def no_worse(self, rich: Model, simple: Model) -> bool:
         """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`."""

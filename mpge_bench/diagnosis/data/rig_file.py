@@ -15,6 +15,8 @@ from mpge_bench.envs.reading import at, yaml_of
 
 #: What to do where a file is no rig.
 ADVICE = "give a YAML file as docs/recordings.md describes"
+#: Physics steps and rows come no faster, s: with steps of a thousandth of it a second would be simulated for hours.
+_SHORTEST = 1e-6
 _KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
 _TASK_KEYS = {"task", "noise", "effects"}
 _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
@@ -103,8 +105,8 @@ def _is_number(value: Any) -> bool:
 
 
 def number_of(path: Path, data: Mapping[str, Any], key: str, default: float) -> float:
-    """A positive number of seconds."""
+    """A number of seconds above 0."""
     value = data.get(key, default)
-    if not _is_number(value) or value <= 0:
-        raise UserError(f"{at(path, key)}: {key} is {value!r}; give a positive number of seconds")
+    if not _is_number(value) or value < _SHORTEST:
+        raise UserError(f"{at(path, key)}: {key} is {value!r}; give a number of seconds, at least {_SHORTEST:g}")
     return float(value)

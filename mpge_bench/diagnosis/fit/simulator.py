@@ -136,8 +136,8 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int, 
         halvings: of a step that makes it worse, at most.
     """
     settings = problem.settings.fit
-    best = _tried(problem, fitter, fit.effects, fitter.predictor.first, None)
-    if best is None:  # parameters under which the simulation flies apart are no candidates
+    best = _begun(problem, fitter, fit.effects)
+    if best is None:
         lost = np.full(fitter.residual.shape, settings.unstable)
         return _Refined(fit.effects, lost, fitter.predictor.first, np.zeros_like(fitter.predictor.measured), np.inf)
     for _ in range(iterations):
@@ -148,6 +148,24 @@ def _refined(problem: Problem, fitter: LinearFitter, fit: Fit, iterations: int, 
         if gained < settings.gained * best.chi_square:
             break
     return best
+
+
+def _begun(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...]) -> _Refined | None:
+    """What `effects` leave in the simulator or, where it flies apart under them, with half of them, a quarter, and so on; None if it always does.
+
+    The linearised simulator, which goes too far where little is left of a motion, knows nothing of damping that is too much for the physics step.
+    """
+    first = _tried(problem, fitter, effects, fitter.predictor.first, None)
+    values = values_of(effects)
+    if first is not None or not len(values):
+        return first
+    absent = problem.rig.absent(effects)
+    for share in 0.5 ** np.arange(1, problem.settings.fit.retreats + 1):
+        nearer = np.clip(absent + share * (values - absent), *limits_of(effects))
+        found = _tried(problem, fitter, tuple(rebuild(effects, nearer)), fitter.predictor.first, None)
+        if found is not None:
+            return found
+    return None
 
 
 def _improved(problem: Problem, fitter: LinearFitter, fit: Fit, best: _Refined, halvings: int) -> _Refined | None:

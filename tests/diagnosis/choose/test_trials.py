@@ -81,6 +81,22 @@ def test_far_from_the_noise_models_are_judged_as_they_would_be_exported(rig: Rig
     assert not notebook.is_better(light, lighter)
 
 
+def test_what_explains_less_than_the_physics_step_may_is_no_better(rig: Rig) -> None:
+    """Of recordings that were made at half the step, an elastic drive that is not there explained a tenth of what that changes, and the noise allowed it."""
+    asked = posed(rig, ViscousFriction("elbow", 0.2), seconds=3.0, noise=1e-4)
+    notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
+    ((rich, _),) = notebook.polished([[ViscousFriction("elbow", 0.2)]])
+    rich = replace(rich, missed=np.full_like(rich.missed, 0.8))
+    # Materially worse, in every window.
+    simple = replace(rich, fit=replace(rich.fit, effects=()), missed=1.1 * rich.missed, parameters=0)
+    explained = notebook._explained(simple, rich)
+    assert explained == pytest.approx(0.1 * 0.8 * asked.linear.motion.joints * 2 * notebook.fitter.predictor.halved_error.shape[1] * len(rich.missed))
+    for share, told in ((1.01, True), (0.99, False)):
+        notebook._stepped = explained / notebook.settings.step_told / share
+        assert notebook.is_better(simple, rich) == told
+        assert not notebook.is_better(rich, simple)
+
+
 def test_an_answer_far_from_the_noise_has_the_parameters_that_predict_all_recordings_best_as_exported(rig: Rig) -> None:
     """Fits with free starting states stopped at a servo's gains that were off by half, with two and a half times the error."""
     asked = posed(rig, Payload("lower", 0.3, 0.2), ViscousFriction("elbow", 0.2), seconds=3.0, noise=1e-4)

@@ -96,3 +96,14 @@ def test_a_step_too_far_is_halved(tmp_path: Path) -> None:
     stuck, found = _refined(posed, fitter, wrong, 1), _refined(posed, fitter, wrong, 1, halvings=2)
     assert stuck.effects == fit.effects
     assert values_of(found.effects)[0] == pytest.approx(0.03, rel=0.3)
+
+
+def test_parameters_under_which_the_simulation_flies_apart_are_come_back_from(tmp_path: Path) -> None:
+    """As far as absence is off them: of an arm's last link, damped less than that, the only effect that there was had been dropped for it."""
+    posed = _posed(tmp_path, ViscousFriction("hinge", 0.03))
+    fitter = posed.fitter()
+    # Beyond 2 I / h = 165 N m s/rad each step makes the velocity larger.
+    for far, value in ((200.0, 100.01), (500.0, 125.015), (1e4, None)):
+        found = _refined(posed, fitter, replace(fitter.fit([ViscousFriction("hinge", 0.02)], evaluations=1), effects=(ViscousFriction("hinge", far),)), 0)
+        assert np.isfinite(found.chi_square) == (value is not None)
+        assert values_of(found.effects)[0] == pytest.approx(value or far)
