@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -15,6 +16,9 @@ from mpge_bench.cores import cores
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
+
+if TYPE_CHECKING:
+    from mpge_bench.leaderboard.tables import Sheet
 
 app = typer.Typer()
 
@@ -73,12 +77,10 @@ def run(
         settings = harness.RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
         chosen = settings.effective()
     folder = settings.folder(out)
-    result = harness.present_result(settings, out, chosen)
-    if result and not as_json:
+    if harness.present_result(settings, out, chosen) and not as_json:
         console.print(f"{folder} holds the result of this run already:")
-    if not result:
-        with ConsoleProgress() as progress:
-            result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
+    with ConsoleProgress() as progress:
+        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
     if as_json:
         print(plain_json({"folder": folder, **result}))
     else:
@@ -126,8 +128,6 @@ def sweep(
     from mpge_bench.harness.plan import Grid, plan_of, read_grid
     from mpge_bench.harness.sweep import Outcome
     from mpge_bench.harness.sweep import sweep as make
-    from mpge_bench.leaderboard.results import collect
-    from mpge_bench.leaderboard.tables import sheets
 
     lists = {"tasks": task, "methods": method, "samples": samples, "set": _overrides(changes, rollouts, divergence)}
     flags = {"seeds": seeds, "preset": preset, "noise": noise} | {key: tuple(value) if value else None for key, value in lists.items()}
@@ -154,18 +154,26 @@ def sweep(
         if plan.missing:
             progress.stage(f"{len(plan.missing)} runs", len(plan.missing))
             make(plan.missing, out, policies, chosen, tell)
-    try:
-        results = collect(out)
-    except UserError as error:
-        console.print(f"{error}\nSo the tables are of this sweep's runs alone.", markup=False, soft_wrap=True)
-        results = collect(out, {one.folder(out) / "result.json" for one in plan.runs})
-    tables = sheets(results) if len(results) else []
+    tables = _tables(out, [one.folder(out) / "result.json" for one in plan.runs])
     if as_json:
         print(plain_json({"runs": len(plan.missing), "failed": failed, "tables": [sheet.data() for sheet in tables]}))
     else:
         print_sheets(tables)
     if failed:
         raise UserError(f"{len(failed)} of {len(plan.missing)} runs failed, first {failed[0]}")
+
+
+def _tables(out: Path, own: Sequence[Path]) -> list[Sheet]:
+    """Tables of all results in `out` or, if these do not compare, of a sweep's `own` alone."""
+    from mpge_bench.leaderboard.results import collect
+    from mpge_bench.leaderboard.tables import sheets
+
+    try:
+        results = collect(out)
+    except UserError as error:
+        console.print(f"{error}\nSo the tables are of this sweep's runs alone.", markup=False, soft_wrap=True)
+        results = collect(out, own)
+    return sheets(results) if len(results) else []
 
 
 @app.command("train-policies")

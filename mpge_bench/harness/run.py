@@ -43,7 +43,7 @@ from mpge_bench.harness.metrics import (
     transition_error,
 )
 from mpge_bench.harness.references import References, probe, references
-from mpge_bench.harness.result import PARTIAL, SCHEMA, read_result
+from mpge_bench.harness.result import PARTIAL, SCHEMA, read_result, renormalized, write_result
 from mpge_bench.provenance import commit
 
 _PACKAGES = ("mpge-bench", "pybullet", "gymnasium", "stable-baselines3", "sb3-contrib", "torch", "numpy")
@@ -155,7 +155,7 @@ def run(
     chosen = chosen or settings.effective()
     present = present_result(settings, out, chosen)
     if present:
-        return present
+        return _with_optimal(present, settings, out, policy_folder)
     # What is missing shall be known before the work, not after it.
     known = references(settings.task, policy_folder)
     problem = problem_of(settings, chosen, policy_folder)
@@ -473,6 +473,15 @@ def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict
     if found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
         raise UserError(f"{path} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
     return found
+
+
+def _with_optimal(result: dict[str, Any], settings: RunSettings, out: Path, policy_folder: Path) -> dict[str, Any]:
+    """A result that is there, normalised, and written so, where the pair had no target-optimal policies when it was made and has some now."""
+    if result["returns"]["optimal"] or not policies.any_of(get_task(settings.task), "target", policy_folder):
+        return result
+    renewed = renormalized(result, asdict(references(settings.task, policy_folder)))
+    write_result(settings.folder(out) / "result.json", renewed)
+    return renewed
 
 
 def _curve(task: Task, result: Result) -> pd.DataFrame:
