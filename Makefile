@@ -1,9 +1,9 @@
 # Everything runs in .venv, an environment of the project's own, which is made at need and again when setup.cfg or constraints.txt changes.
-#   make run ARGS="--task hopper"     passes ARGS on to the command (run, test)
+#   make run ARGS="--task hopper"     passes ARGS on to the command (run, test, slow)
 #   make PYTHON=/path/to/python run   makes .venv with that interpreter (after `make clean` if there is one already)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check clean
+.PHONY: help run test slow check clean
 
 PYTHON ?=
 ARGS ?=
@@ -11,7 +11,8 @@ PIP := .venv/bin/python -m pip --disable-pip-version-check install --quiet -c co
 
 help:
 	@echo "make run    set up .venv at need, then a run with default settings"
-	@echo "make test   the tests"
+	@echo "make test   the tests, but those that take longest"
+	@echo "make slow   those"
 	@echo "make check  ruff and mypy"
 	@echo "make clean  remove .venv, .uv, caches and build output; results under runs stay"
 
@@ -19,7 +20,10 @@ run: .venv/.installed
 	@.venv/bin/python -m mpge_bench run $(ARGS)
 
 test: .venv/.test
-	@.venv/bin/python -m pytest $(ARGS)
+	@.venv/bin/python -m pytest -m "not slow" $(ARGS)
+
+slow: .venv/.test
+	@.venv/bin/python -m pytest -m slow $(ARGS)
 
 check: .venv/.test
 	@.venv/bin/python -m ruff check .

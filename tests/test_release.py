@@ -82,6 +82,7 @@ def test_the_source_archive_holds_the_package_and_what_builds_it(released):
     assert names - made == _package(_tracked()) | _BESIDE
 
 
+@pytest.mark.slow
 def test_an_installed_wheel_runs_the_readmes_first_commands_in_an_empty_folder(released, tmp_path):
     where, here = tmp_path / "installed", tmp_path / "empty"
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-compile", "--target", where, released[1]]

@@ -94,6 +94,7 @@ def test_a_run_repeats_from_its_seed(make_policy, tmp_path):
     assert np.abs(first - second).max() > 1e-3, "members differ by seed"
 
 
+@pytest.mark.slow
 def test_members_are_grounded_side_by_side(make_policy, tmp_path):
     problem, result = _train("biased_pendulum", "mpge", make_policy, tmp_path, jobs=2)
     assert problem.drawn == 50

@@ -64,6 +64,7 @@ def test_a_weak_motor_is_named_measured_and_corrected(tmp_path: Path, in_process
     assert diagnose(again, recordings).data["verdict"] == "no_mismatch"
 
 
+@pytest.mark.slow
 def test_what_only_the_recording_that_models_are_chosen_by_shows_is_found(tmp_path: Path) -> None:
     rig = write_case(tmp_path, [TorqueLimit("hinge", 2.0)], loud=(0.5, 0.5, 4.0, 0.5))
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
@@ -105,6 +106,7 @@ def test_a_base_that_is_shaken_is_told_by_its_accelerometer(tmp_path: Path) -> N
     assert diagnose(again, read_recordings(sorted(tmp_path.glob("train_*.csv")), again)).data["verdict"] == "no_mismatch"
 
 
+@pytest.mark.slow
 def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
     at = np.linspace(-4, 4, 400)
     rig = write_case(tmp_path, [UnknownTorque("hinge", "q", tuple(at), tuple(0.4 * np.sin(7 * at)))], recordings=8)

@@ -76,6 +76,7 @@ def test_a_pair_without_target_optimal_policies_is_run_with_returns_as_they_are(
     assert "normalized_return" not in said
 
 
+@pytest.mark.slow
 def test_sweep_goes_on_where_it_was_killed_and_past_failures(policy_folder, tmp_path):
     config, out = tmp_path / "sweep.yaml", tmp_path / "out"
     config.write_text("tasks: [biased_pendulum]\nmethods: [direct]\nsamples: [50]\nseeds: 100\npreset: smoke\n")
@@ -215,6 +216,7 @@ def test_unwritable_output(policy_folder, tmp_path, refused):
     assert "--out" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "sweep"])
 def test_ctrl_c_leaves_nothing_half_made(command, policy_folder, tmp_path):
     arguments = [command, "--task", "biased_pendulum", "--method", "mpge", "--policies", policy_folder, "--out", tmp_path / "out", "--jobs", 2]

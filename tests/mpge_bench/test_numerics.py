@@ -57,6 +57,7 @@ def common(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return _learnt(tmp_path_factory.mktemp("common"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("avx2" not in _flags(), reason="the common code path is that of processors with AVX2")
 def test_the_same_seed_learns_the_same_in_another_setting(tmp_path, common):
     """One process or two; the C library choosing as on a processor without AVX-512; more threads offered."""
@@ -65,6 +66,7 @@ def test_the_same_seed_learns_the_same_in_another_setting(tmp_path, common):
     assert _learnt(tmp_path, 2, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW") == common
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("avx512f" not in _flags(), reason="this processor has no other code path to take")
 def test_without_it_another_processor_would_learn_something_else(tmp_path, common):
     """That is what the common code path is for."""

@@ -86,6 +86,7 @@ def test_what_all_joints_had_been_given_before_a_formula_goes_at_once(rig: Rig) 
     assert [(one.name, one.target) for one in found.effects] == [("periodic_friction", "shoulder")]
 
 
+@pytest.mark.slow
 def test_what_had_stood_in_for_a_formula_goes_and_what_is_needed_stays(rig: Rig) -> None:
     hidden = (PeriodicTorque("elbow", 0.4, 8.0, 0.7), CoulombFriction("shoulder", 0.2))
     found = described(rig, hidden, (CoulombFriction("shoulder", 0.1), ViscousFriction("elbow", 0.1)))

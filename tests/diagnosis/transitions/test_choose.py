@@ -147,6 +147,7 @@ def test_a_parameter_that_changes_nothing_is_left_where_it_is_absent() -> None:
     assert effect.y == 0.0
 
 
+@pytest.mark.slow
 def test_a_load_that_is_far_beyond_its_link_is_not_named() -> None:
     """Of MuJoCo's hopper it was said that every link carries 20 g at 3 m: it stood in for contacts that no effect is like."""
     task = get_task("heavy_hopper")

@@ -47,6 +47,7 @@ def test_three_differences_of_five_are_found_to_the_last_digit_and_the_others_le
     assert values["gravity:world"][2] == pytest.approx(-8.5, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [(LinkSize,), (LinkSize, ContactFriction)])
 def test_lengths_are_told_though_every_wrong_one_stands_in_the_ground(kinds: tuple[type[Effect], ...]) -> None:
     hopper = get_task("multipolar_hopper_21")
