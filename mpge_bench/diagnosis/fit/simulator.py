@@ -161,7 +161,9 @@ def _begun(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...]) 
         return first
     absent = problem.rig.absent(effects)
     for share in 0.5 ** np.arange(1, problem.settings.fit.retreats + 1):
-        nearer = np.clip(absent + share * (values - absent), *limits_of(effects))
+        # A limit, or the stiffness of a drive, is absent where it is without end.
+        way = np.where(np.isfinite(absent), absent + share * (values - np.where(np.isfinite(absent), absent, 0.0)), values / share)
+        nearer = np.clip(way, *limits_of(effects))
         found = _tried(problem, fitter, tuple(rebuild(effects, nearer)), fitter.predictor.first, None)
         if found is not None:
             return found

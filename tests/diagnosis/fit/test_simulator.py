@@ -11,11 +11,12 @@ import pytest
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.fit import simulator
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Problem, problem
 from mpge_bench.diagnosis.fit.simulator import _refined, polished
 from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, SensorDelay, ViscousFriction
+from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, SensorDelay, TorqueLimit, ViscousFriction
 from mpge_bench.envs.effects.vector import values_of
 
 from ..conftest import write_case
@@ -107,3 +108,15 @@ def test_parameters_under_which_the_simulation_flies_apart_are_come_back_from(tm
         found = _refined(posed, fitter, replace(fitter.fit([ViscousFriction("hinge", 0.02)], evaluations=1), effects=(ViscousFriction("hinge", far),)), 0)
         assert np.isfinite(found.chi_square) == (value is not None)
         assert values_of(found.effects)[0] == pytest.approx(value or far)
+
+
+def test_what_is_absent_without_end_is_gone_back_from_by_doubling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    posed, tried = _posed(tmp_path, ViscousFriction("hinge", 0.03)), []
+
+    def apart(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...], starts: object, before: object) -> None:
+        tried.append(values_of(effects).tolist())
+
+    monkeypatch.setattr(simulator, "_tried", apart)
+    for effect in (TorqueLimit("hinge", 3.0), JointElasticity("hinge", 5.0, 0.1, 0.01)):
+        assert simulator._begun(posed, posed.fitter(), (effect,)) is None
+    assert tried == [[3.0], [6.0], [12.0], [5.0, 0.1, 0.01], [10.0, 0.05, 0.005], [20.0, 0.025, 0.0025]]
