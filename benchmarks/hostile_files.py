@@ -40,7 +40,7 @@ from mutations import FORMS, canary, spoilt
 from rich.console import Console
 from rich.table import Table
 
-from mpge_bench.diagnosis.transitions.episodes import Episodes
+from mpge_bench.diagnosis.transitions.episodes import FORMATS, Episodes, read_transitions, write_transitions
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError, one_line
 
@@ -269,13 +269,10 @@ def _pair_in(folder: Path) -> None:
 
 
 def _pair() -> None:
-
     get_task("pair.yaml").fingerprints()
 
 
 def _transitions_in(folder: Path) -> None:
-    from mpge_bench.diagnosis.transitions.episodes import FORMATS, write_transitions
-
     for ending in FORMATS:
         write_transitions(_drawn(), folder / f"transitions{ending}")
 
@@ -290,8 +287,6 @@ def _drawn() -> Episodes:
 
 def _transitions(name: str) -> Callable[[], None]:
     def load() -> None:
-        from mpge_bench.diagnosis.transitions.episodes import read_transitions
-
         found = read_transitions(Path(name), get_task("biased_pendulum").robot)
         assert found.scale.shape == (4,)
 
@@ -302,15 +297,15 @@ def _transitions(name: str) -> Callable[[], None]:
 
 
 def _minari_in(folder: Path) -> None:
-    from mpge_bench.exchange.minari import write_transitions
+    from mpge_bench.exchange import minari
 
-    write_transitions(_drawn(), get_task("biased_pendulum"), folder / "drawn")
+    minari.write_transitions(_drawn(), get_task("biased_pendulum"), folder / "drawn")
 
 
 def _minari() -> None:
-    from mpge_bench.exchange.minari import read_transitions
+    from mpge_bench.exchange import minari
 
-    read_transitions(Path("drawn"), get_task("biased_pendulum").robot)
+    minari.read_transitions(Path("drawn"), get_task("biased_pendulum").robot)
 
 
 def _bag_in(ending: str) -> Callable[[Path], None]:

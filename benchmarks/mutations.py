@@ -443,10 +443,7 @@ def _swollen_set(data: bytes, rng: random.Random) -> bytes:
     def swell(group: Any, one: Any) -> None:
         name, shape, kind = one.name, (BOMB, *one.shape[1:]), one.dtype
         del group[name]
-        group.create_dataset(name, shape, kind, chunks=(1 << 20, *one_like(shape)), compression="gzip")
-
-    def one_like(shape: tuple[int, ...]) -> tuple[int, ...]:
-        return (1,) * (len(shape) - 1)
+        group.create_dataset(name, shape, kind, chunks=(1 << 20, *(1,) * (len(shape) - 1)), compression="gzip")
 
     return _sets(data, rng, swell)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -154,7 +154,7 @@ def sweep(
         if plan.missing:
             progress.stage(f"{len(plan.missing)} runs", len(plan.missing))
             make(plan.missing, out, policies, chosen, tell)
-    tables = _tables(out, [one.folder(out) / "result.json" for one in plan.runs])
+    tables = _tables(out, {one.folder(out) / "result.json" for one in plan.runs})
     if as_json:
         print(plain_json({"runs": len(plan.missing), "failed": failed, "tables": [sheet.data() for sheet in tables]}))
     else:
@@ -163,7 +163,7 @@ def sweep(
         raise UserError(f"{len(failed)} of {len(plan.missing)} runs failed, first {failed[0]}")
 
 
-def _tables(out: Path, own: Sequence[Path]) -> list[Sheet]:
+def _tables(out: Path, own: Collection[Path]) -> list[Sheet]:
     """Tables of all results in `out` or, if these do not compare, of a sweep's `own` alone."""
     from mpge_bench.leaderboard.results import collect
     from mpge_bench.leaderboard.tables import sheets
@@ -267,17 +267,17 @@ def _show(result: dict[str, Any], folder: Path) -> None:
 def _achieved(result: dict[str, Any], title: str) -> Table:
     """Returns in the target: of the source policies, this method, the agent that needs no grounding, and the best target-optimal policy."""
     from mpge_bench.harness.perfect import stored_perfect
-    from mpge_bench.harness.result import normalized_return
+    from mpge_bench.harness.result import normalized_by
 
     found, perfect = result["returns"], stored_perfect(result["task"], result["fingerprints"])
-    direct, best = found["direct"]["mean"], found["optimal"] and found["optimal"]["mean"]
-    rows = [("direct", direct, "source policies"), (result["method"], found["policy"]["mean"], "this run")]
+    best = found["optimal"]["mean"] if found["optimal"] else None
+    rows = [("direct", found["direct"]["mean"], "source policies"), (result["method"], found["policy"]["mean"], "this run")]
     if perfect:
         rows.append(("perfect", perfect.mean, f"agent in the true target ({perfect.seeds})"))
     rows.append(("J*", best, "best target-optimal policy" if best is not None else "not known yet"))
     drawn = Table("", "target return", "normalised", "", "", title=title)
     for name, value, what in rows:
-        normalized = None if value is None else normalized_return(value, direct, best)
+        normalized = None if value is None else normalized_by(found, value)
         shown = "–" if normalized is None else f"{normalized:.2f}"
         bar = "█" * round(_BAR * min(max(normalized or 0.0, 0.0), 1.2))
         style = "bold" if what == "this run" else ""

@@ -91,7 +91,6 @@ def diagnose(
     from mpge_bench.diagnosis.data.rig import read_rig
     from mpge_bench.diagnosis.experiment.motions import Stated
     from mpge_bench.diagnosis.pipeline import diagnose_files
-    from mpge_bench.diagnosis.report.simulators import MODELS
     from mpge_bench.diagnosis.verdict.experiment import NEXT_EXPERIMENT
     from mpge_bench.rig.folder import case_in
 
@@ -104,8 +103,8 @@ def diagnose(
     with ConsoleProgress() as progress:
         stated = Stated(position, speed, command)
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)
-    models = [name for name in (*MODELS, NEXT_EXPERIMENT) if (out / name).exists()]
-    _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *models]))
+    further = [*found.models, *([] if found.commands is None else [NEXT_EXPERIMENT])]
+    _say(found.summary, out, ", ".join(["report.html (open it in a browser)", "diagnosis.json", "corrected.yaml", *further]))
     for name, one in found.models.items():
         if one.left_out:
             lacking = ", ".join(f"{effect.name} of {effect.target}" for effect in one.left_out)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.transitions.episodes import Episodes, checked, moves_as
+from mpge_bench.diagnosis.transitions.episodes import Episodes, moves_as
 from mpge_bench.envs import Task
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.reading import reading, text_of
@@ -125,7 +125,7 @@ def read_transitions(path: Path, robot: Robot) -> Episodes:
     if not parts:
         raise UserError(f"{path}: has no episodes")
     observations, actions, following = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return moves_as(checked(Episodes(observations, actions, following), robot, str(path)), robot, str(path))
+    return moves_as(Episodes(observations, actions, following), robot, str(path))
 
 
 def _write(out: Path, episodes: Sequence[Episode], limit: Array, name: str, metadata: Mapping[str, Any]) -> None:

@@ -11,9 +11,8 @@ from statistics import mean
 from typing import Any, get_type_hints
 
 from mpge_bench.baselines.presets import checked
-from mpge_bench.envs import yaml12
 from mpge_bench.envs.errors import UserError
-from mpge_bench.envs.reading import reading, text_of
+from mpge_bench.envs.reading import at, reading, yaml_of
 from mpge_bench.harness.result import read_result
 from mpge_bench.harness.run import RunSettings, present_result
 
@@ -66,9 +65,7 @@ def read_grid(path: Path) -> dict[str, Any]:
     Raises:
         UserError: if it cannot be read, or a key or a value's type is wrong.
     """
-    with reading(path, _WHAT, _ADVICE):
-        text = text_of(path)
-        data = yaml12.load(text)
+    data = yaml_of(path, _WHAT, _ADVICE)
     hints = get_type_hints(Grid)
     if not isinstance(data, Mapping):
         raise UserError(f"{path}: not a sweep file; it has keys such as `tasks: [broken_hopper]`, among {', '.join(hints)}")
@@ -79,7 +76,7 @@ def read_grid(path: Path) -> dict[str, Any]:
                 raise UserError(f"unknown key {key}; there are {', '.join(hints)}")
             found[key] = checked(hints[key], value, key)
         except UserError as error:
-            raise UserError(f"{path}, line {yaml12.line_of(text, str(key))}: {error}") from error
+            raise UserError(f"{at(path, str(key))}: {error}") from error
     return found
 
 

@@ -90,18 +90,13 @@ def renormalized(result: Mapping[str, Any], references: Mapping[str, Any]) -> di
     kept, new = ({key: value for key, value in one.items() if key != _EXCHANGEABLE} for one in (result.get("references", {}), references["made_from"]))
     if kept != new:
         return dict(result)
-    direct, optimal = references["direct"], references["optimal"]
-
-    def share(value: float) -> float | None:
-        return normalized_return(value, direct["mean"], optimal and optimal["mean"])
-
     oracle = result["oracle"]
     return {
         **result,
         "references": references["made_from"],
-        "returns": {**result["returns"], "direct": direct, "optimal": optimal},
-        "normalized_return": share(result["returns"]["policy"]["mean"]),
-        "oracle": oracle and {**oracle, "normalized_return": share(oracle["returns"]["mean"])},
+        "returns": {**result["returns"], "direct": references["direct"], "optimal": references["optimal"]},
+        "normalized_return": normalized_by(references, result["returns"]["policy"]["mean"]),
+        "oracle": oracle and {**oracle, "normalized_return": normalized_by(references, oracle["returns"]["mean"])},
     }
 
 
@@ -113,6 +108,12 @@ def normalized_return(policy: float, direct: float, optimal: float | None) -> fl
     if optimal is None or abs(optimal - direct) < 1e-9:
         return None
     return float((policy - direct) / (optimal - direct))
+
+
+def normalized_by(returns: Mapping[str, Any], value: float) -> float | None:
+    """The normalised return that a return of `value` is, by `direct` and `optimal` of `returns`, as results and references hold them in plain data."""
+    optimal = returns["optimal"]
+    return normalized_return(value, returns["direct"]["mean"], optimal["mean"] if optimal else None)
 
 
 def write_result(path: Path, data: Mapping[str, Any]) -> None:

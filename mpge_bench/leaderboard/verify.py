@@ -22,7 +22,7 @@ from mpge_bench.envs.reading import reading
 from mpge_bench.form import misfits
 from mpge_bench.harness.metrics import action_transformation_error
 from mpge_bench.harness.references import path_of, plain
-from mpge_bench.harness.result import FORM, files_under, normalized_return, read_result, unchecked_result
+from mpge_bench.harness.result import FORM, files_under, normalized_by, read_result, unchecked_result
 from mpge_bench.harness.run import checked_policy
 from mpge_bench.policies import FOLDER
 
@@ -122,8 +122,7 @@ def faults(path: Path) -> list[str]:
         wrong.append("action_transformation_error.value: is null, where there is a grounding")
     if data["target_samples"] > data["samples"] and "target" not in data["access"]:
         wrong.append(f"target_samples: {data['target_samples']} were drawn of a budget of {data['samples']}")
-    found = data["returns"]
-    normalized = normalized_return(found["policy"]["mean"], found["direct"]["mean"], found["optimal"] and found["optimal"]["mean"])
+    normalized = normalized_by(data["returns"], data["returns"]["policy"]["mean"])
     if not _same(normalized, data["normalized_return"]):
         wrong.append(f"normalized_return: is {data['normalized_return']}, and {normalized} by its returns")
     try:

@@ -30,9 +30,9 @@ def mapping_of(path: Path) -> dict[str, Any]:
     keys, needed = (_TASK_KEYS, {"task"}) if "task" in data else (_KEYS, {"robot", "joints"})
     unknown, missing = set(data) - keys, needed - set(data)
     if unknown or missing:
-        what = f"unknown key {sorted(map(str, unknown))[0]!r}" if unknown else f"no key {sorted(missing)[0]!r}"
-        where = at(path, sorted(map(str, unknown))[0]) if unknown else path
-        raise UserError(f"{where}: {what}; a rig {'of a robot of the benchmark ' if 'task' in data else ''}has {', '.join(sorted(keys))}")
+        first = min(map(str, unknown or missing))
+        said = f"{at(path, first)}: unknown" if unknown else f"{path}: no"
+        raise UserError(f"{said} key {first!r}; a rig {'of a robot of the benchmark ' if 'task' in data else ''}has {', '.join(sorted(keys))}")
     return data
 
 

@@ -160,10 +160,12 @@ def _begun(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...]) 
     if first is not None or not len(values):
         return first
     absent = problem.rig.absent(effects)
+    # A limit, or the stiffness of a drive, is absent where it is without end.
+    ends = np.isfinite(absent)
     for share in 0.5 ** np.arange(1, problem.settings.fit.retreats + 1):
-        # A limit, or the stiffness of a drive, is absent where it is without end.
-        way = np.where(np.isfinite(absent), absent + share * (values - np.where(np.isfinite(absent), absent, 0.0)), values / share)
-        nearer = np.clip(way, *limits_of(effects))
+        nearer = values / share
+        nearer[ends] = absent[ends] + share * (values - absent)[ends]
+        nearer = np.clip(nearer, *limits_of(effects))
         found = _tried(problem, fitter, tuple(rebuild(effects, nearer)), fitter.predictor.first, None)
         if found is not None:
             return found

@@ -127,11 +127,12 @@ def checked(found: Episodes, robot: Robot, where: str) -> Episodes:
 
 
 def moves_as(found: Episodes, robot: Robot, where: str) -> Episodes:
-    """`found`, which `checked` takes, if driven joints move by about what their velocities say within a control step of `robot`.
+    """What `checked` makes of `found`, if driven joints move by about what their velocities say within a control step of `robot`.
 
     Raises:
-        UserError: if they do not: another robot's transitions may have the same shapes.
+        UserError: as `checked`, or if they do not: another robot's transitions may have the same shapes.
     """
+    found = checked(found, robot, where)
     driven = [robot.joints.index(joint) - len(robot.joints) for joint in robot.actuators]
 
     def of_joints(observations: Array) -> Array:
@@ -174,7 +175,7 @@ def read_transitions(path: Path, robot: Robot) -> Episodes:
     with reading(path, "file of transitions", f"give an NPZ or Parquet file with {', '.join(FIELDS)}"):
         arrays = (_in_parquet if path.suffix == ".parquet" else _in_npz)(path)
         observations, actions, following = (np.asarray(arrays[name], float) for name in FIELDS)
-        return moves_as(checked(Episodes(observations, actions, following), robot, str(path)), robot, str(path))
+        return moves_as(Episodes(observations, actions, following), robot, str(path))
 
 
 def _in_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
