@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.motion import differentiate
-from mpge_bench.diagnosis.data.pose import check_carried
+from mpge_bench.diagnosis.data.pose import check_above, check_carried
 from mpge_bench.diagnosis.data.recording import Recording, read_recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DEFAULT, DataSettings, DiagnosisSettings
@@ -87,7 +87,8 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
     """The recordings, checked together: motion, units.
 
     Raises:
-        UserError: as `read_recording`, and if nothing moves in any of them, angles look like degrees, or a body does not fall that nothing carries.
+        UserError: as `read_recording`, and if nothing moves in any of them, angles look like degrees, what nothing carries does not fall, or what moves is in
+            the ground.
     """
     recordings = [read_recording(path, rig, settings) for path in paths]
     if rig.is_tree:
@@ -95,6 +96,10 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
     elif rig.model.floating and not rig.ground:
         for one in recordings:
             check_carried(one.path, one.time, one.q, rig.gravity, settings)
+    if rig.ground:
+        still, world, height = np.zeros(rig.layout.nv), rig.world(), rig.changed().ground.height
+        for one in recordings:
+            check_above(str(one.path), world, [(q, still) for q in one.q], height, settings)
     spread = max(float(np.ptp(recording.q, axis=0).max()) for recording in recordings)
     resolution = max(rig.noise.get("q", 0.0) * settings.still, _LEAST)
     if spread <= resolution:

@@ -1,7 +1,8 @@
-"""What is particular to recorded poses of a free base: quaternions, jumps, and whether something carries what ought to fall."""
+"""What is particular to recorded poses of free bodies: quaternions, jumps, whether something carries what ought to fall, whether they are above the ground."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.settings import DEFAULT, DataSettings
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import BASE_Q, Layout
+from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
 
@@ -57,3 +59,25 @@ def check_carried(path: Path, time: Array, q: Array, gravity: tuple[float, float
     if len(held) > settings.held * len(fall):
         what = "columns x, y, z: the body does not fall freely from"
         raise UserError(f"{path}: {what} row {held[0] + 1} on, and the rig has nothing that carries it; add ground: {{friction: 0.5}} to the rig")
+
+
+def check_above(where: str, world: World, states: Sequence[tuple[Array, Array]], ground: float = 0.0, settings: DataSettings = DEFAULT.data) -> None:
+    """Refuse motion that is mostly under the ground, of which contacts would make anything.
+
+    Args:
+        where: what the motion is called in an error.
+        states: positions and velocities as `world` has them.
+        ground: its height, m.
+
+    Raises:
+        UserError: if in half of `states` the middle of the body lies below it.
+    """
+    looked = [states[row] for row in np.unique(np.linspace(0, len(states) - 1, settings.above).astype(int))] if states else []
+    lowest, middle = [], []
+    for q, dq in looked:
+        world.set_state(q, dq)
+        low, high = world.room()
+        lowest.append(low[2] - ground)
+        middle.append((low[2] + high[2]) / 2 - ground)
+    if looked and np.median(middle) < 0 and (depth := -np.median(lowest)) > settings.sunk:
+        raise UserError(f"{where}: half of the states lie {depth:.2g} m deep in the ground; are heights in m, upward, from the ground to the model's origin?")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from mpge_bench.diagnosis.data.pose import check_above
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import reading
 from mpge_bench.envs.robots import Robot
@@ -127,7 +128,7 @@ def checked(found: Episodes, robot: Robot, where: str) -> Episodes:
 
 
 def moves_as(found: Episodes, robot: Robot, where: str) -> Episodes:
-    """What `checked` makes of `found`, if driven joints move by about what their velocities say within a control step of `robot`.
+    """What `checked` makes of `found`, if driven joints move by about what their velocities say within a control step of `robot`, above its ground.
 
     Raises:
         UserError: as `checked`, or if they do not: another robot's transitions may have the same shapes.
@@ -135,10 +136,11 @@ def moves_as(found: Episodes, robot: Robot, where: str) -> Episodes:
     found = checked(found, robot, where)
     driven = [robot.joints.index(joint) - len(robot.joints) for joint in robot.actuators]
 
-    def of_joints(observations: Array) -> Array:
-        return np.array([[part[driven] for part in robot.state(one)] for one in observations])
+    def of_joints(states: Sequence[tuple[Array, Array]]) -> Array:
+        return np.array([[part[driven] for part in state] for state in states])
 
-    before, after = of_joints(found.observations), of_joints(found.next_observations)
+    states = [robot.state(one) for one in found.observations]
+    before, after = of_joints(states), of_joints([robot.state(one) for one in found.next_observations])
     moved = (after[:, 0] - before[:, 0] + np.pi) % (2 * np.pi) - np.pi
     said = robot.dt * (before[:, 1] + after[:, 1]) / 2
     total = np.sum(said**2)
@@ -148,6 +150,8 @@ def moves_as(found: Episodes, robot: Robot, where: str) -> Episodes:
             f"{where}: joints move by {pace:.2g} times what their velocities say in a control step of the {robot.name}, {robot.dt:g} s;"
             " are these another task's, or observations in another order or unit?"
         )
+    if robot.friction is not None:
+        check_above(where, robot.world(), states)
     return found
 
 

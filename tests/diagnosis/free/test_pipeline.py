@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from mpge_bench.diagnosis.data.checks import read_recordings
@@ -16,6 +17,7 @@ from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files, simulated
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings, ReplaySettings
 from mpge_bench.diagnosis.transitions.evidence import likeness
 from mpge_bench.envs.effects import ContactFriction
+from mpge_bench.envs.errors import UserError
 
 from .conftest import Tossed
 from .test_windows import made
@@ -42,6 +44,15 @@ def test_slippery_ground_is_named(slippery: tuple[Path, Diagnosis]) -> None:
     assert held.before is not None
     assert held.after < held.before / 3
     assert {one.name for one in found.result.where[:2]} <= {"impact", "sliding"}
+
+
+def test_heights_that_are_not_measured_from_the_ground_are_refused(slippery: tuple[Path, Diagnosis], tmp_path: Path) -> None:
+    folder, _ = slippery
+    rig, table = read_rig(folder / "rig.yaml"), pd.read_csv(folder / "toss_00.csv")
+    table.assign(z=table.z - table.z.max()).to_csv(tmp_path / "down.csv", index=False)
+    with pytest.raises(UserError, match=r"down\.csv: half of the states lie .* m deep in the ground; are heights in m") as error:
+        read_recordings([tmp_path / "down.csv"], rig)
+    assert "\n" not in str(error.value)
 
 
 def test_the_corrected_rig_is_a_rig_that_predicts_better(slippery: tuple[Path, Diagnosis]) -> None:

@@ -113,11 +113,22 @@ def test_transitions_of_another_robot_with_as_many_numbers_are_refused(tmp_path:
         read_transitions(tmp_path / "own.npz", ROBOTS[taken])
 
 
+@pytest.mark.parametrize(("name", "origin"), [("hopper", 1.25), ("half_cheetah", 0.7), ("ant", 0.75), ("minitaur", 0.3)])
+def test_robots_in_the_ground_are_refused(tmp_path: Path, name: str, origin: float) -> None:
+    found = moved(name)
+    for part in (found.observations, found.next_observations):
+        part[:, 0] -= origin
+    write_transitions(found, tmp_path / "own.npz")
+    with pytest.raises(UserError, match=r"own\.npz: half of the states lie .* m deep in the ground; are heights in m"):
+        read_transitions(tmp_path / "own.npz", ROBOTS[name])
+
+
 @given(scale=st.floats(0.5, 2.0), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_joints_that_move_by_what_their_velocities_say_are_the_robots(scale: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     before, after = rng.normal(size=(2, 50, 11))
+    before[:, 0] = 1.25
     moved = scale * HOPPER.dt * (before[:, 8:] + after[:, 8:]) / 2
     for sign in (1, -1):
         after[:, 2:5] = before[:, 2:5] + sign * moved
