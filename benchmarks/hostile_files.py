@@ -162,7 +162,7 @@ def _results(*path: str) -> str:
 
 
 def _result() -> None:
-    from mpge_bench.harness.run import stored_run
+    from mpge_bench.harness.settings import stored_run
 
     with contextlib.ExitStack() as failures:
         # Each command by itself: what one refuses another may not read at all.

@@ -18,7 +18,9 @@ from mpge_bench.baselines.progress import Silent
 from mpge_bench.baselines.registry import get_method
 from mpge_bench.baselines.vector import Transformation, Worlds
 from mpge_bench.envs import Task, get_task
-from mpge_bench.harness.run import problem_of, read_result, stored_run
+from mpge_bench.harness.result import read_result
+from mpge_bench.harness.run import problem_of
+from mpge_bench.harness.settings import stored_run
 
 #: Control steps of the agent that are looked at, a world.
 STEPS, WORLDS = 800, 4

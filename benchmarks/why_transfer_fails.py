@@ -36,7 +36,8 @@ from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import Task, get_task
 from mpge_bench.files import write_text
 from mpge_bench.harness.metrics import action_transformation_error
-from mpge_bench.harness.run import RunSettings, problem_of
+from mpge_bench.harness.run import problem_of
+from mpge_bench.harness.settings import RunSettings
 
 ROOT = Path(__file__).parents[1]
 PAGE, STUDIES = ROOT / "docs" / "why-transfer-fails.md", ROOT / "leaderboard" / "studies"

@@ -66,21 +66,23 @@ def run(
     A result that is there already is shown, not made again; remove its folder to run anew.
     """
     from mpge_bench.console import ConsoleProgress
-    from mpge_bench.harness import run as harness
+    from mpge_bench.harness.run import run as make
+    from mpge_bench.harness.settings import RunSettings, stored_run
+    from mpge_bench.harness.store import present_result
     from mpge_bench.policies import home
 
     if config:
         refuse(context, "samples", "preset", "seed", "changes", "rollouts", "divergence", "noise", because="where --config says all of the run")
-        settings, chosen = harness.stored_run(config, (task, method))
+        settings, chosen = stored_run(config, (task, method))
         task = settings.task
     else:
-        settings = harness.RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
+        settings = RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
         chosen = settings.effective()
     folder = settings.folder(out)
-    if harness.present_result(settings, out, chosen) and not as_json:
+    if present_result(settings, out, chosen) and not as_json:
         console.print(f"{folder} holds the result of this run already:")
     with ConsoleProgress() as progress:
-        result = harness.run(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
+        result = make(settings, out, policy_folder=policies or home(task), jobs=jobs, progress=progress, chosen=chosen)
     if as_json:
         print(plain_json({"folder": folder, **result}))
     else:

@@ -14,7 +14,8 @@ from mpge_bench.baselines.presets import checked
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import at, reading, yaml_of
 from mpge_bench.harness.result import read_result
-from mpge_bench.harness.run import RunSettings, present_result
+from mpge_bench.harness.settings import RunSettings
+from mpge_bench.harness.store import present_result
 
 _WHAT, _ADVICE = "sweep file", "docs/benchmark.md shows one"
 #: Runs of one sweep, which have to be known before the first: the whole grid of all pairs and methods with ten seeds has a tenth of it.

@@ -13,7 +13,9 @@ import torch
 from mpge_bench.baselines.agent import compile_ahead
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.harness.engines import Engine, Killed
-from mpge_bench.harness.run import RunSettings, remove_remains, run
+from mpge_bench.harness.run import run
+from mpge_bench.harness.settings import RunSettings
+from mpge_bench.harness.store import remove_remains
 from mpge_bench.policies import home
 
 #: How often a run is tried whose process dies: who needs more memory than there is would be killed for ever.

@@ -20,10 +20,10 @@ from mpge_bench.envs.effects import Effect, effect_from_dict
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.reading import reading
 from mpge_bench.form import misfits
+from mpge_bench.harness.evaluate import checked_policy
 from mpge_bench.harness.metrics import action_transformation_error
 from mpge_bench.harness.references import path_of, plain
 from mpge_bench.harness.result import FORM, files_under, normalized_by, read_result, unchecked_result
-from mpge_bench.harness.run import checked_policy
 from mpge_bench.policies import FOLDER
 
 #: Episodes that no run was measured on: the harness has `SEED`, the choice of an oracle the one after it.

@@ -17,8 +17,8 @@ import pytest
 from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.registry import methods
 from mpge_bench.envs import TASKS
+from mpge_bench.harness import evaluate as harness_evaluate
 from mpge_bench.harness import references as harness_references
-from mpge_bench.harness import run as harness_run
 from mpge_bench.policies import FOLDER
 
 from ..conftest import PATIENCE
@@ -264,7 +264,7 @@ def test_a_pairs_page(in_process):
 
 def test_a_pair_of_ones_own_from_file_to_result(tmp_path, in_process, refused, monkeypatch):
     # References are of many episodes, each as long as a pendulum stands.
-    for module in (harness_references, harness_run):
+    for module in (harness_evaluate, harness_references):
         monkeypatch.setattr(module, "returns", functools.partial(returns, episodes=2))
     pair = tmp_path / "weak.yaml"
     pair.write_text("robot: inverted_pendulum\neffects:\n  - {effect: torque_gain, target: slider, gain: 0.5}\n")

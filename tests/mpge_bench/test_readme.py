@@ -12,7 +12,8 @@ import typer
 from mpge_bench import pages
 from mpge_bench.cli import app
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.run import RunSettings, run
+from mpge_bench.harness.run import run
+from mpge_bench.harness.settings import RunSettings
 from mpge_bench.leaderboard.results import collect
 from mpge_bench.markdown import with_table
 

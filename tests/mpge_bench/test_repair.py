@@ -12,7 +12,8 @@ import pytest
 from mpge_bench import repair
 from mpge_bench.diagnosis.transitions.pipeline import Unmasked
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.run import RunSettings, run
+from mpge_bench.harness.run import run
+from mpge_bench.harness.settings import RunSettings
 from mpge_bench.leaderboard.verify import faults, measured_again
 
 

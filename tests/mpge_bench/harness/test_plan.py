@@ -9,7 +9,7 @@ from mpge_bench.baselines.registry import get_method
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.plan import Grid, plan_of, read_grid
-from mpge_bench.harness.run import RunSettings
+from mpge_bench.harness.settings import RunSettings
 
 PENDULUM = "biased_pendulum"
 

@@ -19,7 +19,8 @@ import mpge_bench  # noqa: F401  # isort: skip
 import pytest
 
 from mpge_bench import numerics
-from mpge_bench.harness.run import RunSettings, run
+from mpge_bench.harness.run import run
+from mpge_bench.harness.settings import RunSettings
 
 STORED = Path(__file__).parent / "metrics.json"
 #: One of each way to ground: learnt against a discriminator, from models, by inversion; and none. (A diagnosis ends by the clock.)

@@ -7,7 +7,7 @@ import pytest
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness import sweep as harness
 from mpge_bench.harness.engines import Killed
-from mpge_bench.harness.run import RunSettings
+from mpge_bench.harness.settings import RunSettings
 from mpge_bench.harness.sweep import Outcome, sweep
 
 RUNS = [RunSettings("biased_pendulum", "direct", 0, "smoke", seed) for seed in range(4)]
