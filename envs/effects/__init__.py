@@ -25,6 +25,7 @@ from mpge_bench.envs.effects.formula import (
     PeriodicFriction,
     PeriodicGain,
     PeriodicTorque,
+    SlopedFriction,
 )
 from mpge_bench.envs.effects.geometry import JointAxis, JointOrigin, LinkLength
 from mpge_bench.envs.effects.joint import (
@@ -94,6 +95,7 @@ __all__ = [
     "SensorBias",
     "SensorDelay",
     "SensorScale",
+    "SlopedFriction",
     "StribeckFriction",
     "TorqueBias",
     "TorqueGain",

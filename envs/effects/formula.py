@@ -162,6 +162,42 @@ class PeriodicFriction(Effect):
 
 
 @dataclass(frozen=True)
+class SlopedFriction(Effect):
+    """Dry friction that rises or falls along the joint's way: ``torque + slope * q``, never less than none.
+
+    What is left to say where a joint moves over so little of its way that no wave is told (`PeriodicFriction`).
+    """
+
+    torque: float
+    slope: float
+
+    name = "sloped_friction"
+    contains = ("coulomb_friction",)
+    is_formula = True
+    rests_on = ("slope",)
+    on = "joint"
+    #: The friction at q = 0, which the joint need not come by, may be less than none.
+    parameters = {"torque": Parameter("N m", -1e4, 1e4), "slope": Parameter("N m/rad", -1e4, 1e4)}
+    place = 90
+
+    @property
+    def formula(self) -> str:
+        return f"{self.torque:.4g} {'-' if self.slope < 0 else '+'} {abs(self.slope):.4g} q"
+
+    def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
+        return np.maximum(self.torque + self.slope * q[joint], 0.0)
+
+    def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
+        sure = _between(type(self), intervals, slide, "torque", "slope")
+        return f"The dry friction of the {self.target} changes with its position: {self.formula} {'N' if slide else 'N m'} {sure}, as far as it moved."
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        size = 0.1 * scale.torque
+        return [{"torque": size, "slope": sign * size / scale.angle} for sign in (1, -1)]
+
+
+@dataclass(frozen=True)
 class OneWayFriction(Effect):
     """Viscous friction that depends on which way the joint turns: ``-forward * dq`` where dq > 0, ``-backward * dq`` where not."""
 

@@ -66,6 +66,7 @@ from mpge_bench.envs.effects import (
     SensorBias,
     SensorDelay,
     SensorScale,
+    SlopedFriction,
     StribeckFriction,
     TorqueBias,
     TorqueGain,
@@ -139,6 +140,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "sensor_bias": {"offset": (0.1, 0.2)},
     "sensor_delay": {"seconds": (0.01, 0.015)},
     "sensor_scale": {"gain": (1.1, 1.2)},
+    "sloped_friction": {"torque": (10.0, 11.0), "slope": (5.0, 6.0)},
     "stribeck_friction": {"coulomb": (10.0, 11.0), "static": (15.0, 20.0), "velocity": (0.5, 1.0)},
     "torque_bias": {"torque": (10.0, 11.0)},
     "torque_gain": {"gain": (0.5, 0.6)},
@@ -469,9 +471,16 @@ def test_friction_that_changes_along_the_way_is_never_less_than_none(q: float, m
     assert most == pytest.approx(max(mean + swing * math.sin(waves * q + phase), 0.0))
 
 
-def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path) -> None:
-    law = PeriodicFriction("hinge", 0.5, 0.3, 2.0, 0.1)
-    assert torque_at(wheel, 3.0, law, q=0.4, dq=5.0) == pytest.approx(3.0 - 0.5 - 0.3 * math.sin(0.9), rel=1e-6)
+@pytest.mark.parametrize(
+    ("law", "friction"),
+    [
+        (PeriodicFriction("hinge", 0.5, 0.3, 2.0, 0.1), 0.5 + 0.3 * math.sin(0.9)),
+        (SlopedFriction("hinge", 0.5, 0.3), 0.5 + 0.3 * 0.4),
+        (SlopedFriction("hinge", 0.5, -2.0), 0.0),
+    ],
+)
+def test_friction_that_changes_along_the_way_slows_the_wheel(wheel: Path, law: Effect, friction: float) -> None:
+    assert torque_at(wheel, 3.0, law, q=0.4, dq=5.0) == pytest.approx(3.0 - friction, rel=1e-6)
 
 
 def test_laws_of_time_go_by_what_has_gone_since_the_motion_began(wheel: Path) -> None:
@@ -501,6 +510,7 @@ def test_laws_of_time_go_by_what_has_gone_since_the_motion_began(wheel: Path) ->
         (PeriodicTorque("wrist", 0.31, 6.0, 2 * math.pi + 0.5), "A torque of 0.31 sin(6 q + 0.5) N m acts on the wrist (q is its position; "),
         (CubicSpring("wrist", 1.5, -0.2), "A torque of -1.5 (q + 0.2)³ N m acts on the wrist ("),
         (PeriodicFriction("wrist", 0.2, 0.1, 3.0, -0.4), "The dry friction of the wrist changes with its position: 0.2 + 0.1 sin(3 q - 0.4) N m ("),
+        (SlopedFriction("wrist", 0.2, -0.1), "The dry friction of the wrist changes with its position: 0.2 - 0.1 q N m (q is its position; torque 0 to 1 N m"),
         (PeriodicGain("wrist", 0.1, 12.0, 0.0), "The wrist's motor delivers its torque times 1 + 0.1 sin(12 q) ("),
         (DriftingGain("wrist", -0.03), "The wrist's motor delivers its torque times 1 - 0.03 t (t is the time since a recording began, s; rate 0 to 1 1/s)."),
         (OscillatingTorque("wrist", 0.3, 1.5, 0.2), "A torque of 0.3 sin(2π 1.5 t + 0.2) N m acts on the wrist (t is the time since a recording began, s; "),

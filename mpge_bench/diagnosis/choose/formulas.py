@@ -67,7 +67,8 @@ def _richer(trials: Trials, chosen: Model) -> Model | None:
     ends = trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[: trials.settings.polished]])
     if not ends:
         return None
-    best = min(ends, key=lambda pair: pair[0].overall)
+    # Where a wave is not told that fits best, a plainer law may be.
+    best = min([pair for pair in ends if is_told(pair[0])] or ends, key=lambda pair: pair[0].overall)
     return trials.add(trials.converged(*best)[0])
 
 

@@ -220,6 +220,7 @@ class VerdictSettings:
     regime_share: float = setting(0.2, "share of the rows", "that a regime takes in")
     constant: float = setting(0.001, "probability", "times what was looked at, below which a parameter is said to change")
     changes: float = setting(0.25, "share of a parameter", "that it changes by at least, to be said to")
+    worse: float = setting(0.05, "share of the error", "by which held-out recordings that hardly show what was found may be missed more, by chance")
     gap: float = setting(1.5, "row intervals", "a longer one is a gap")
     shown: float = setting(4.0, "s", "of a held-out recording that are drawn")
     rows: int = setting(3000, "rows", "of the residual force that are drawn")

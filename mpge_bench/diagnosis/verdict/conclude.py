@@ -82,14 +82,14 @@ def _quiet(choice: Choice, fit: Accuracy, parts: Parts) -> tuple[str, ...]:
 
 
 def proven(choice: Choice, error: ExportedError) -> tuple[Choice, tuple[str, ...]]:
-    """`choice`, its answer taken back where it predicts what nobody has looked at worse than the simulator without it; and a line that says so.
+    """`choice`, its answer taken back where it predicts what nobody has looked at clearly worse than the simulator without it; and a line that says so.
 
     Args:
         error: of effects, on the held-out recordings.
     """
     effects = choice.chosen.effects
     before, after = error(()), error(effects)
-    if after <= before:
+    if after <= (1 + choice.problem.settings.verdict.worse) * before:
         return choice, ()
     line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({after:.3g} against {before:.3g}), and is not reported."
     return replace(choice, chosen=choice.nominal), (line,)

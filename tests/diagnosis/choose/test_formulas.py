@@ -33,6 +33,7 @@ from mpge_bench.envs.effects import (
     PeriodicGain,
     PeriodicTorque,
     SensorBias,
+    SlopedFriction,
     ViscousFriction,
 )
 from mpge_bench.envs.effects.vector import parameters_of
@@ -58,6 +59,7 @@ def described(rig: Rig, hidden: tuple[Effect, ...], named: tuple[Effect, ...] = 
     [
         PeriodicTorque("elbow", 0.4, 8.0, 0.7),
         PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5),
+        SlopedFriction("elbow", 0.3, 0.15),
         OneWayFriction("elbow", 0.2, 0.05),
         PeriodicGain("shoulder", 0.3, 5.0, 0.4),
         CubicSpring("elbow", 1.5, 0.1),
@@ -74,6 +76,13 @@ def test_a_law_that_has_no_name_is_found_as_a_formula(rig: Rig, law: Effect) -> 
     if "phase" in law.parameters:
         values[-1] = math.remainder(values[-1], 2 * math.pi)
     assert values == pytest.approx(parameters_of(law), rel=0.05, abs=0.02)
+
+
+def test_of_a_wave_that_is_longer_than_the_motion_the_slope_is_said(rig: Rig) -> None:
+    """As it was not told, dry friction was the answer, with six times the noise left: a false name."""
+    (found,) = described(rig, (PeriodicFriction("elbow", 0.3, 0.3, 0.4),)).effects
+    assert (found.name, found.target) == ("sloped_friction", "elbow")
+    assert parameters_of(found) == pytest.approx([0.3, 0.12], rel=0.1)
 
 
 def test_what_all_joints_had_been_given_before_a_formula_goes_at_once(rig: Rig) -> None:

@@ -31,6 +31,7 @@ from mpge_bench.diagnosis.predict.fast.program import (
     ONE_WAY,
     OSCILLATING,
     SERVO,
+    SLOPED_FRICTION,
     SPRING,
     STRIBECK,
     VISCOUS,
@@ -180,6 +181,8 @@ def delivered(
             command -= n[0] * (q - n[1]) ** 3
         elif operation == WAVY_FRICTION:
             rub += max(n[0] + n[1] * math.sin(n[2] * q + n[3]), 0.0)
+        elif operation == SLOPED_FRICTION:
+            rub += max(n[0] + n[1] * q, 0.0)
         elif operation == ONE_WAY:
             command -= (n[0] if dq > 0 else n[1]) * dq
         elif operation in (WAVY_GAIN, DRIFTING):

@@ -35,6 +35,7 @@ from mpge_bench.envs.effects import (
     PeriodicGain,
     PeriodicTorque,
     PositionServo,
+    SlopedFriction,
     StribeckFriction,
     TorqueBias,
     TorqueGain,
@@ -49,7 +50,7 @@ Indices = npt.NDArray[np.int64]
 #: Operations of a program.
 SERVO, LATE, DEAD_ZONE, GAIN, BIAS, LAG, LIMIT, BACK_EMF, DC_MOTOR, MOTOR_SIDE, SPRING, VISCOUS, DRAG, COULOMB, STRIBECK, LOAD, CURVE = range(17)
 #: Formulas.
-WAVES, CUBIC, WAVY_FRICTION, ONE_WAY, WAVY_GAIN, DRIFTING, OSCILLATING = range(17, 24)
+WAVES, CUBIC, WAVY_FRICTION, SLOPED_FRICTION, ONE_WAY, WAVY_GAIN, DRIFTING, OSCILLATING = range(17, 25)
 #: Signals that a curve goes by.
 _SIGNALS = {"q": 0.0, "dq": 1.0, "command": 2.0}
 #: Most numbers of an operation.
@@ -132,6 +133,7 @@ WRITTEN: dict[type[Effect], tuple[int, Callable[..., _Written]]] = {
     PeriodicTorque: (WAVES, lambda e, *_: ([e.amplitude, e.waves, e.phase], 0, ())),
     CubicSpring: (CUBIC, lambda e, *_: ([e.stiffness, e.rest], 0, ())),
     PeriodicFriction: (WAVY_FRICTION, lambda e, *_: ([e.mean, e.swing, e.waves, e.phase], 0, ())),
+    SlopedFriction: (SLOPED_FRICTION, lambda e, *_: ([e.torque, e.slope], 0, ())),
     OneWayFriction: (ONE_WAY, lambda e, *_: ([e.forward, e.backward], 0, ())),
     PeriodicGain: (WAVY_GAIN, lambda e, *_: ([e.depth, e.waves, e.phase], 0, ())),
     DriftingGain: (DRIFTING, lambda e, *_: ([e.rate], 0, ())),
@@ -185,6 +187,6 @@ def written(chain: Sequence[tuple[Effect, int]], joints: int, step: float, inert
         memory + 1,
         np.array(motors, np.int64).reshape(-1, 2),
         step,
-        any(operation in (COULOMB, STRIBECK, LOAD, WAVY_FRICTION) for operation, _, _ in operations),
+        any(operation in (COULOMB, STRIBECK, LOAD, WAVY_FRICTION, SLOPED_FRICTION) for operation, _, _ in operations),
         any(effect.remembers for effect, _ in chain),
     )
