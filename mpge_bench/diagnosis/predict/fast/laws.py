@@ -179,10 +179,8 @@ def delivered(
             command += n[0] * math.sin(n[1] * (q if operation == WAVES else memory[-1]) + n[2])
         elif operation == CUBIC:
             command -= n[0] * (q - n[1]) ** 3
-        elif operation == WAVY_FRICTION:
-            rub += max(n[0] + n[1] * math.sin(n[2] * q + n[3]), 0.0)
-        elif operation == SLOPED_FRICTION:
-            rub += max(n[0] + n[1] * q, 0.0)
+        elif operation in (WAVY_FRICTION, SLOPED_FRICTION):
+            rub += max(n[0] + n[1] * (math.sin(n[2] * q + n[3]) if operation == WAVY_FRICTION else q), 0.0)
         elif operation == ONE_WAY:
             command -= (n[0] if dq > 0 else n[1]) * dq
         elif operation in (WAVY_GAIN, DRIFTING):
