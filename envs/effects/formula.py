@@ -28,11 +28,20 @@ _PHASE = Parameter("rad", -100.0, 100.0, neutral=math.inf)
 _WAVES = Parameter("1/rad", 0.05, 100.0, neutral=math.inf)
 
 
+def _plus(value: float, digits: int = 4) -> str:
+    """A further term of a sum, with its sign, for people."""
+    return f"{'-' if value < 0 else '+'} {abs(value):.{digits}g}"
+
+
+def _shift(phase: float) -> str:
+    """What a phase adds within a sine; nothing where it is next to none."""
+    turn = math.remainder(phase, 2 * math.pi)
+    return f" {_plus(turn, 2)}" if abs(turn) >= _NO_PHASE else ""
+
+
 def _sine(waves: float, phase: float) -> str:
     """For people."""
-    turn = math.remainder(phase, 2 * math.pi)
-    shift = f" {'-' if turn < 0 else '+'} {abs(turn):.2g}" if abs(turn) >= _NO_PHASE else ""
-    return f"sin({waves:.4g} q{shift})"
+    return f"sin({waves:.4g} q{_shift(phase)})"
 
 
 def _between(kind: type[Effect], intervals: Mapping[str, Sequence[tuple[float, float]]], slide: bool, *names: str) -> str:
@@ -48,6 +57,12 @@ def _acts(law: Effect, intervals: Mapping[str, Sequence[tuple[float, float]]], s
     """What a law that adds a torque is, with the intervals of these parameters."""
     what, unit = ("force", "N") if slide else ("torque", "N m")
     return f"A {what} of {law.formula} {unit} acts on the {law.target} {_between(type(law), intervals, slide, *names)}."
+
+
+def _rubs(law: Effect, intervals: Mapping[str, Sequence[tuple[float, float]]], slide: bool, *names: str) -> str:
+    """What a law of dry friction is, with the intervals of these parameters; without the full stop."""
+    sure = _between(type(law), intervals, slide, *names)
+    return f"The dry friction of the {law.target} changes with its position: {law.formula} {'N' if slide else 'N m'} {sure}"
 
 
 def _turns(scale: Scale) -> list[dict[str, float]]:
@@ -152,8 +167,7 @@ class PeriodicFriction(Effect):
         return np.maximum(self.mean + self.swing * np.sin(self.waves * q[joint] + self.phase), 0.0)
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
-        sure = _between(type(self), intervals, slide, "mean", "swing", "waves")
-        return f"The dry friction of the {self.target} changes with its position: {self.formula} {'N' if slide else 'N m'} {sure}."
+        return f"{_rubs(self, intervals, slide, 'mean', 'swing', 'waves')}."
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -182,14 +196,13 @@ class SlopedFriction(Effect):
 
     @property
     def formula(self) -> str:
-        return f"{self.torque:.4g} {'-' if self.slope < 0 else '+'} {abs(self.slope):.4g} q"
+        return f"{self.torque:.4g} {_plus(self.slope)} q"
 
     def friction(self, command: Any, joint: int, q: Any, dq: Any) -> Any:
         return np.maximum(self.torque + self.slope * q[joint], 0.0)
 
     def say(self, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
-        sure = _between(type(self), intervals, slide, "torque", "slope")
-        return f"The dry friction of the {self.target} changes with its position: {self.formula} {'N' if slide else 'N m'} {sure}, as far as it moved."
+        return f"{_rubs(self, intervals, slide, 'torque', 'slope')}, as far as it moved."
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
@@ -275,7 +288,7 @@ class DriftingGain(Effect):
 
     @property
     def formula(self) -> str:
-        return f"1 {'-' if self.rate < 0 else '+'} {abs(self.rate):.4g} t"
+        return f"1 {_plus(self.rate)} t"
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] *= 1 + self.rate * hidden.time
@@ -310,9 +323,7 @@ class OscillatingTorque(Effect):
 
     @property
     def formula(self) -> str:
-        turn = math.remainder(self.phase, 2 * math.pi)
-        shift = f" {'-' if turn < 0 else '+'} {abs(turn):.2g}" if abs(turn) >= _NO_PHASE else ""
-        return f"{self.amplitude:.4g} sin(2π {self.frequency:.4g} t{shift})"
+        return f"{self.amplitude:.4g} sin(2π {self.frequency:.4g} t{_shift(self.phase)})"
 
     def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
         command[joint] += self.amplitude * np.sin(2 * math.pi * self.frequency * hidden.time + self.phase)

@@ -42,9 +42,9 @@ class DataSettings:
     jump_turn: float = setting(15.0, "rad/s", "the same of its orientation; what tips over is fast for a moment")
     fall: float = setting(0.05, "s", "over which it is asked whether a body falls: what falls for twice as long falls 5 cm")
     falls: float = setting(0.5, "share of gravity", "a downward acceleration below it is no free fall")
+    held: float = setting(0.2, "share of the rows", "in which a body must not fall before something is said to carry it")
     sunk: float = setting(0.1, "m", "what feet give and cameras are off by; deeper, half of a body under the ground is an error of unit or origin")
     above: int = setting(200, "states", "evenly spread, that are looked at for whether a body is above the ground")
-    held: float = setting(0.2, "share of the rows", "in which a body must not fall before something is said to carry it")
     encoder_share: float = setting(0.5, "share of the rows", "an encoder repeats its few values; a fine sensor hardly ever does")
     encoder_percentile: float = setting(5.0, "percent", "the smallest differences of distinct values are one step; a few are rounding")
 
