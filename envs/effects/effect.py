@@ -397,6 +397,11 @@ class Effect:
         return []
 
     @classmethod
+    def holding(cls, torque: float) -> list[dict[str, Any]]:
+        """The same where its joint stands still though `torque`, N m, would move it; none if it holds nothing fast."""
+        return []
+
+    @classmethod
     def absent(cls, scale: Scale) -> list[float] | None:
         """The numbers of its parameters at which it changes nothing where things are as `scale` says; None where there are none."""
         found = [parameter.neutral for parameter in cls.parameters.values() for _ in range(parameter.size or 0)]

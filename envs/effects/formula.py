@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+from mpge_bench.envs.effects.joint import CoulombFriction
 
 #: More turns of a law a radian of the joint than a gear, a rotor's poles or a spline makes are not looked for.
 _MOST_WAVES = 30.0
@@ -22,6 +23,8 @@ _NEAR = 1.2
 _MOST_FREQUENCIES = 150
 #: Rows a period: what turns faster is held over rows too long to be told.
 _LEAST_ROWS = 4.0
+#: Of a friction that was fitted as a constant, by which it may change along the way, to begin with.
+_PART = 0.5
 #: rad; less is not said.
 _NO_PHASE = 0.005
 _PHASE = Parameter("rad", -100.0, 100.0, neutral=math.inf)
@@ -174,6 +177,11 @@ class PeriodicFriction(Effect):
         size = 0.1 * scale.torque
         return [{"mean": size, "swing": size, **turn} for turn in _turns(scale)]
 
+    @classmethod
+    def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
+        size = plainer.torque if isinstance(plainer, CoulombFriction) else 0.0
+        return [{"mean": size, "swing": _PART * size, **turn} for turn in _turns(scale)] if size else []
+
 
 @dataclass(frozen=True)
 class SlopedFriction(Effect):
@@ -206,8 +214,15 @@ class SlopedFriction(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        size = 0.1 * scale.torque
-        return [{"torque": size, "slope": sign * size / scale.angle} for sign in (1, -1)]
+        return cls._starts(0.1 * scale.torque, 1.0, scale)
+
+    @classmethod
+    def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
+        return cls._starts(plainer.torque, _PART, scale) if isinstance(plainer, CoulombFriction) and plainer.torque else []
+
+    @staticmethod
+    def _starts(torque: float, part: float, scale: Scale) -> list[dict[str, Any]]:
+        return [{"torque": torque, "slope": sign * part * torque / scale.angle} for sign in (1, -1)]
 
 
 @dataclass(frozen=True)

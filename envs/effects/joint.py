@@ -142,6 +142,10 @@ class CoulombFriction(Effect):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"torque": 0.1 * scale.torque}]
 
+    @classmethod
+    def holding(cls, torque: float) -> list[dict[str, Any]]:
+        return [{"torque": torque}]
+
 
 @dataclass(frozen=True)
 class StribeckFriction(Effect):

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.formulas import lone_formula
+from mpge_bench.diagnosis.choose.held import held
 from mpge_bench.diagnosis.choose.pairs import pairs
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.noise import with_noise_of
-from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, carrier
-from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import within_bounds
 
 Beam = list[tuple[Model, LinearFitter]]
 
@@ -53,15 +48,18 @@ def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam
     drafts = _drafts(trials, beam, screening, depth)
     if not drafts:
         return []
-    together = None
+    beside: Beam = []
     if depth == 0:
         _renew_noise(trials, drafts[0])
         if drafts[0].overall > trials.settings.coarse:
             if lone_formula(trials):
                 return []
-            together = everywhere(trials)
-            drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
-    grown = _polished(trials, drafts, depth, [together] if together else [])
+            beside = held(trials)
+            if min((model.overall for model, _ in beside), default=np.inf) > trials.settings.near:
+                together = everywhere(trials)
+                beside += [together] if together else []
+                drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
+    grown = _polished(trials, drafts, depth, beside)
     if depth == 0 or not grown or trials.is_better(beam[0][0], grown[0][0]):
         return grown
     # There is something, so that what no effect does alone two may do together.
@@ -94,19 +92,11 @@ def _ordered(drafts: list[Model]) -> list[Model]:
 
 def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screening, tried: int) -> list[Model]:
     """Models of one more effect than `model`, fitted roughly: of the `tried` candidates that promise most, the better half."""
-    problem = trials.problem
     ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.adds_to(model.effects)][:tried]
     contained = [[effect for effect in model.effects if one.contains(effect)] for one in ranked]
     rest = [[effect for effect in model.effects if effect not in within] for within in contained]
-    steps = [(others, _beyond(problem, one, within)) for others, one, within in zip(rest, ranked, contained, strict=True)]
+    steps = [(others, one.beyond(within, trials.problem.scale(one.target))) for others, one, within in zip(rest, ranked, contained, strict=True)]
     return trials.drafted(fitter, trials.grown(fitter, steps), tried // 2)
-
-
-def _beyond(problem: Problem, candidate: Candidate, contained: Sequence[Effect]) -> Candidate:
-    """`candidate` with starts from what effects that it contains were fitted to, if there are such."""
-    scale = problem.scales[carrier(problem.rig, candidate.target)]
-    starts = [within_bounds(candidate.kind, candidate.target, values) for effect in contained for values in candidate.kind.beyond(effect, scale)]
-    return replace(candidate, starts=tuple(starts), is_sized=True) if starts else candidate
 
 
 def _polished(trials: Trials, drafts: list[Model], depth: int, beside: Beam) -> Beam:

@@ -19,7 +19,6 @@ from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.fit.told import unit_length
-from mpge_bench.diagnosis.hypotheses.candidates import carrier
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of, values_of
 
@@ -36,7 +35,7 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     """
     kinds: dict[str, list[Effect]] = {}
     for one in trials.candidates:
-        if one.kind.is_everywhere(trials.problem.scales[carrier(trials.problem.rig, one.target)]):
+        if one.kind.is_everywhere(trials.problem.scale(one.target)):
             kinds.setdefault(one.name, []).append(one.starts[0])
     if sum(map(len, kinds.values())) < 2 or trials.cut_short(_STAGE):
         return None

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.hypotheses.candidates import carrier
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.envs.effects import CATALOGUE, Effect, effect_from_dict
 
@@ -58,7 +57,7 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
 
 def means_something(problem: Problem, effect: Effect) -> bool:
     """Whether the parameters of `effect` are of a size that means something."""
-    return effect.is_plausible(problem.scales[carrier(problem.rig, effect.target)])
+    return effect.is_plausible(problem.scale(effect.target))
 
 
 def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> Iterator[Effect]:

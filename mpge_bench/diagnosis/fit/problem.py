@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.told import directions
-from mpge_bench.diagnosis.hypotheses.candidates import key, scales
+from mpge_bench.diagnosis.hypotheses.candidates import carrier, key, scales
 from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
@@ -82,6 +82,10 @@ class Problem:
     def scales(self) -> dict[str, Scale]:
         """How large things are at each joint."""
         return scales(self.linear)
+
+    def scale(self, target: str) -> Scale:
+        """How large things are where an effect acts on `target`."""
+        return self.scales[carrier(self.rig, target)]
 
     def dealt(self) -> Problem:
         """The same with validation windows taken from every recording in turn, for what shows in some recordings only."""

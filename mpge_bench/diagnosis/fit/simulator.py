@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem, judged
+from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, steps_of, values_of
 
@@ -60,8 +61,15 @@ def nominal(problem: Problem) -> tuple[Model, LinearFitter]:
 
 
 def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
-    """`fit` refined a little."""
+    """`fit` refined a little.
+
+    Where the base has dry friction also with the base's own parameters as they were: where a joint sticks or slips nothing is in proportion to them.
+    """
     best = _refined(problem, fitter, fit, problem.settings.fit.iterations)
+    base = fitter.predictor.linear.base
+    if any(effect.rubs for effect in base):
+        as_it_was = tuple(next((own for own in base if key([own]) == key([effect])), effect) for effect in fit.effects)
+        best = min(best, _refined(problem, fitter, replace(fit, effects=as_it_was), problem.settings.fit.iterations), key=lambda one: one.chi_square)
     return judged(problem, fitter, Fit(best.effects, best.residuals, fit.jacobian))
 
 

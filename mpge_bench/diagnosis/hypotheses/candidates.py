@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +71,11 @@ class Candidate:
     def is_within(self, effect: Effect) -> bool:
         """Whether `effect` is a richer form of it."""
         return self.name in effect.contains and self.target == effect.target
+
+    def beyond(self, contained: Sequence[Effect], scale: Scale) -> Candidate:
+        """The same with starts from what effects that it contains were fitted to, if there are such, where things are as large as `scale` says."""
+        starts = [within_bounds(self.kind, self.target, values) for effect in contained for values in self.kind.beyond(effect, scale)]
+        return replace(self, starts=tuple(starts), is_sized=True) if starts else self
 
     def adds_to(self, effects: Sequence[Effect]) -> bool:
         """Whether it is none of `effects`, nor within one of them."""

@@ -59,12 +59,15 @@ class LinearisedSimulator:
 
     def torques(self, effects: Sequence[Effect]) -> Array:
         """Mean torque of each row's interval under `effects` along the whole reference, shape (r, k, j)."""
+        return self._along(self.chain(effects))
+
+    def _along(self, chain: Sequence[tuple[Effect, int]]) -> Array:
         motion = self.motion
         count, rows, steps, n = motion.u.shape
         q, dq = motion.fine()
         flat = [np.moveaxis(values, -1, 0).reshape(n, count, rows * steps) for values in (motion.u, q, dq)]
         time = motion.fine_time().reshape(count, rows * steps)
-        torque = joint_torques(self.chain(effects), flat[0], flat[1], flat[2], motion.step, motion.spread, self.offered, time)
+        torque = joint_torques(chain, flat[0], flat[1], flat[2], motion.step, motion.spread, self.offered, time)
         return np.moveaxis(torque.reshape(n, count, rows, steps).mean(-1), 0, -1)
 
     @property
@@ -126,6 +129,8 @@ class LinearisedSimulator:
     def _find_defects(self) -> None:
         motion, layout = self.motion, self.motion.layout
         self.delivered = self.torques(self.base)
+        before, self._answering = self._parted()
+        self._driven = self._along(before) if self._answering else self.delivered
         self._reached = self._stepped(1)
         reached = self._reached.copy()
         # Rows are rarely spaced by exactly a whole number of physics steps; the rest of the way goes at the velocity and acceleration of the row.
@@ -134,6 +139,22 @@ class LinearisedSimulator:
         layout.q(reached)[...] += late * layout.dq(reached)
         layout.dq(reached)[...] += late * acceleration
         self.defects = np.where(motion.valid(ahead=1)[..., None], layout.minus(reached, motion.following()), 0.0)
+
+    def _parted(self) -> tuple[list[tuple[Effect, int]], list[tuple[Effect, int]]]:
+        """The base's chain: what is driven along the reference and, on joints with dry friction, what answers to the motion as it goes.
+
+        The latter lies between the last hidden state and the joint: one that is held fast would be torn off within a row by friction that goes by the sign
+        of a velocity of noise.
+        """
+        chain, before, answering = self.chain(self.base), [], []
+        for joint in range(self.motion.joints):
+            own = [one for one in chain if one[1] == joint]
+            last = max((place for place, (effect, _) in enumerate(own) if effect.is_stepwise(self.motion.step)), default=-1) + 1
+            if not any(effect.rubs for effect, _ in own[last:]):
+                last = len(own)
+            before += own[:last]
+            answering += own[last:]
+        return before, answering
 
     @functools.cached_property
     def halved(self) -> Array:
@@ -146,13 +167,14 @@ class LinearisedSimulator:
         steps, step = motion.u.shape[2] * parts, motion.step / parts
         bodies = [effect for effect in self.rig.chain(self.base) if effect.alters_model]
         moves = motion.valid(ahead=1)
-        states, torques, share = motion.state[moves], self.delivered[moves], self.rig.shaking(self.base)
+        states, torques, share = motion.state[moves], self._driven[moves], self.rig.shaking(self.base)
         shaken = share * motion.shaken[moves][:, None] if share else None
         result = motion.state.copy()
         try:
-            result[moves] = steered(self._tree, step, bodies).roll(states, torques[:, None], every=steps, unstable=np.inf, shaken=shaken)[:, 1]
+            made = steered(self._tree, step, bodies, self._answering)
+            result[moves] = made.roll(states, torques[:, None], every=steps, unstable=np.inf, since=motion.fine_time()[moves][:, 0], shaken=shaken)[:, 1]
         except NotCovered:
-            result[moves] = rows_in_bullet(self.rig, bodies, states, torques, step, steps, shaken)
+            result[moves] = rows_in_bullet(self.rig, bodies, states, self.delivered[moves], step, steps, shaken)
         return result
 
     def residual_torques(self) -> Array:

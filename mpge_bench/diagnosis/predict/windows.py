@@ -106,8 +106,11 @@ class WindowPredictor:
         self.base_error = self.propagate(nothing, linear.defects[at, before])
         if consistent:
             start = self.starts(self.measured - self.state - self.base_error - self.sensed(linear.base))
-            self.state = self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0]
-            self.base_error = np.zeros_like(self.state)
+            likely = motion.layout.state(motion.layout.dx(sigma), motion.spread)
+            # Where a joint sticks that ought to break away, no start is right to first order.
+            followed = (np.abs(start) < self.settings.restarted * likely).all(1)[:, None, None]
+            self.state = np.where(followed, self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0], self.state)
+            self.base_error = np.where(followed, 0.0, self.base_error)
         self.first = self.state[:, 0]
         self._intervals, self._shaken = motion.intervals()[at, before], motion.shaken[at, before]
         #: By the rows of warm-up: one without, one with the usual one, and perhaps longer ones.

@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from mpge_bench.diagnosis.choose.beam import _beyond, _without_idle
+from mpge_bench.diagnosis.choose.beam import _without_idle
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import CoulombFriction, InertiaScale, Payload, StribeckFriction, ViscousFriction
+from mpge_bench.envs.effects import InertiaScale, Payload
 
 from ..conftest import posed
 
@@ -38,16 +38,6 @@ def test_an_effect_that_another_has_made_needless_goes_and_the_other_stays(trial
 
 def test_an_effect_that_adds_nothing_is_not_taken_in(trials: Trials) -> None:
     assert _without_idle(trials, trials.polished([[HIDDEN, InertiaScale("lower", 1.2)]])) == []
-
-
-def test_what_contains_an_effect_that_was_fitted_begins_where_that_ended(trials: Trials, rig: Rig) -> None:
-    """From shares of the joint's torque Stribeck's friction came to a velocity of nothing, and dry friction was taken for all there is."""
-    known = next(one for one in candidates(rig, trials.problem.scales) if one.label == "stribeck_friction:elbow")
-    found = _beyond(trials.problem, known, [CoulombFriction("elbow", 0.22)])
-    assert found.is_sized
-    assert all(isinstance(one, StribeckFriction) and (one.coulomb, one.static) == (0.22, 0.44) for one in found.starts)
-    assert [one.velocity for one in found.starts] == [one.velocity for one in known.starts]  # type: ignore[attr-defined]
-    assert _beyond(trials.problem, known, [ViscousFriction("elbow", 0.1)]) is known
 
 
 def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:

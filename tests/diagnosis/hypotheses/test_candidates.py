@@ -9,7 +9,7 @@ import pytest
 
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, carrier
-from mpge_bench.envs.effects import CATALOGUE, PositionServo, Scale
+from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, PositionServo, Scale, ViscousFriction
 
 from ..conftest import Made, posed, write_rig
 
@@ -89,3 +89,20 @@ def test_what_is_hung_on_a_link_is_as_large_as_that_link(tmp_path: Path) -> None
     sizes = {joint: Scale(**(small if joint == "elbow" else large), period=0.01, duration=1.0, gravity=(0.0, 0.0, -9.81)) for joint in rig.joints}
     (load,) = [one for one in candidates(rig, sizes) if one.label == "payload:lower"]
     assert max(one.distance for one in load.starts) < 1.0  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("name", "begins"),
+    [("stribeck_friction", {"coulomb": 0.22, "static": 0.44}), ("periodic_friction", {"mean": 0.22, "swing": 0.11}), ("sloped_friction", {"torque": 0.22})],
+)
+def test_what_contains_an_effect_that_was_fitted_begins_where_that_ended(rig: Rig, name: str, begins: dict[str, float]) -> None:
+    """From shares of the joint's torque Stribeck's friction came to a velocity of nothing, and dry friction was taken for all there is."""
+    asked = posed(rig, seconds=1.0)
+    every = (*candidates(rig, asked.scales), *candidates(rig, asked.scales, formulas=True))
+    known, scale = next(one for one in every if one.label == f"{name}:elbow"), asked.scale("elbow")
+    found = known.beyond([CoulombFriction("elbow", 0.22)], scale)
+    assert found.is_sized
+    assert len(found.starts) == len(known.starts)
+    for start in found.starts:
+        assert {key: getattr(start, key) for key in begins} == pytest.approx(begins)
+    assert known.beyond([ViscousFriction("elbow", 0.1)], scale) is known

@@ -23,6 +23,7 @@ from mpge_bench.envs.effects import (
     Armature,
     BaseAcceleration,
     ComOffset,
+    CoulombFriction,
     CouplingDamping,
     CouplingSpring,
     Delay,
@@ -178,6 +179,20 @@ def test_a_shaken_bases_own_motion_has_no_defects(case: Case, elsewhere: Sequenc
     motion = exact(case.rig, replace(recording, q=path[:, :2], dq=path[:, 2:]))
     assert np.abs(LinearisedSimulator(case.rig, motion, effects).residual_torques()).max() < 0.05 * np.abs(motion.u).max()
     assert np.abs(LinearisedSimulator(case.rig, motion).residual_torques()).max() > np.abs(motion.u).max()
+
+
+@pytest.mark.parametrize("beside", [(), (Lag("elbow", 0.05),), (JointSpring("elbow", 0.5),)])
+def test_a_joint_that_friction_holds_fast_is_not_torn_off_by_the_noise_of_its_velocity(rig: Rig, beside: Sequence[Effect]) -> None:
+    """Its sign changes from row to row, and friction that had gone by it would have moved the joint by a radian a second within one."""
+    effects = [*beside, CoulombFriction("elbow", 5.0)]
+    recording = record(rig, effects, seconds=1.0)
+    motion = exact(rig, recording)
+    noisy = motion.state + np.random.default_rng(0).normal(0, [0, 0, 0, 5e-3], motion.state.shape)
+    linear = LinearisedSimulator(rig, replace(motion, state=noisy, spread=np.full(2, 5e-3)), effects)
+    assert np.abs(recording.dq[5:, 1]).max() < 1e-6
+    assert np.abs(linear.defects[..., 3]).max() < 0.02
+    # And where it is off, it comes to rest.
+    assert np.abs(linear.a[0, 5:-1, 3, 3]).max() < 0.01
 
 
 def test_long_rows_are_linearised_at_their_middle(rig: Rig) -> None:

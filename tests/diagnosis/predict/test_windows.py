@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from mpge_bench.diagnosis.data.checks import measurements
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import rebase, reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Delay, Effect, Gravity, Lag, SensorDelay
+from mpge_bench.envs.effects import Delay, Effect, Gravity, Lag, SensorDelay, StribeckFriction
 
 from ..conftest import record
 
@@ -92,3 +94,16 @@ def test_hidden_states_are_warmed_up_for_as_long_as_they_remember(rig: Rig, effe
     still = SimulatedWindows(rig, [recording], np.array([0]), rows).predict([], state[rows[:, 0]], [state])
     assert still is not None
     assert np.abs(predicted[0] - state[rows[0]]).max() < 0.03 * np.abs(still[0] - state[rows[0]]).max()
+
+
+@pytest.mark.parametrize(("coulomb", "static"), [(0.3, 0.9), (1.0, 2.5)])
+def test_where_a_joint_sticks_that_breaks_away_windows_begin_as_the_recording_says(rig: Rig, coulomb: float, static: float) -> None:
+    """To first order only a start at radians a second, which would be gone at once, moves a joint that sticks."""
+    effect = StribeckFriction("shoulder", coulomb, static, 0.2)
+    true = [record(rig, [effect], seconds=4.0, seed=seed) for seed in range(4)]
+    rng = np.random.default_rng(0)
+    read = measurements(rig, [replace(one, q=one.q + rng.normal(0, 5e-4, one.q.shape), dq=np.full(one.dq.shape, np.nan)) for one in true], DEFAULT)
+    asked = problem(read, reference(rig, read.recordings, DEFAULT), DEFAULT.predict.horizon)
+    windows = asked.windows
+    speeds = np.array([true[recording].dq[row] for recording, row in zip(windows.recording, windows.start, strict=True)])
+    assert np.abs(asked.fitter((effect,)).predictor.first[:, 2:] - speeds).max() < 0.15

@@ -55,7 +55,9 @@ class Mechanism:
     tree: FlatTree
     program: Program
 
-    def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, shaken: Array | None = None) -> Array:
+    def roll(
+        self, start: Array, u: Array, *, every: int = 1, unstable: float, since: Array | None = None, shaken: Array | None = None
+    ) -> Array:
         """The motion from each of `start` on; arguments as of `followed`.
 
         Returns:
@@ -64,7 +66,7 @@ class Mechanism:
         Raises:
             NotCovered: if a joint reaches an end stop.
         """
-        path, stopped = self.followed(start, u, every=every, unstable=unstable, shaken=shaken)
+        path, stopped = self.followed(start, u, every=every, unstable=unstable, since=since, shaken=shaken)
         if stopped.any():
             raise NotCovered("a joint reaches an end stop")
         return path
@@ -162,15 +164,18 @@ def mechanism(rig: Rig, effects: Sequence[Effect] = (), *, timestep: float | Non
     return Mechanism(tree, written(acting, len(index), timestep or rig.timestep, offered(tree)))
 
 
-def steered(tree: FlatTree, timestep: float, bodies: Sequence[Effect]) -> Mechanism:
+def steered(tree: FlatTree, timestep: float, bodies: Sequence[Effect], joints: Sequence[tuple[Effect, int]] = ()) -> Mechanism:
     """`tree`, which `bodies` have changed, with torques that come from outside.
 
+    Args:
+        joints: what these torques pass on their way, and the index of each one's joint, in order; nothing that remembers.
+
     Raises:
-        NotCovered: if one of `bodies` changes what the tree does not have.
+        NotCovered: if one of `bodies` changes what the tree does not have, or one on `joints` has no compiled law.
     """
-    if not all(_is_covered(effect) for effect in bodies):
+    if not all(_is_covered(effect) for effect in (*bodies, *(effect for effect, _ in joints))):
         raise NotCovered("an effect has no compiled law")
-    return Mechanism(tree, written([], len(tree), timestep))
+    return Mechanism(tree, written(joints, len(tree), timestep))
 
 
 def _is_covered(effect: Effect) -> bool:
