@@ -11,7 +11,6 @@ import numpy as np
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import drafted
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.envs.effects import Effect
 
@@ -21,7 +20,7 @@ def held(trials: Trials) -> list[tuple[Model, LinearFitter]]:
     if trials.cut_short("joints that are held fast"):
         return []
     starts = [start for candidate in trials.candidates for start in _starts(trials, candidate)]
-    drafts = trials.each(drafted, (trials.fitter,), [trials.fitter.at([start]) for start in starts])
+    drafts = trials.refined(trials.fitter, [trials.fitter.at([start]) for start in starts])
     most = trials.settings.holding_leaves * trials.nominal.overall
     best: dict[frozenset[str], Model] = {}
     for one in sorted(drafts, key=lambda one: one.overall):

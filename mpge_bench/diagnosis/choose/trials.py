@@ -190,7 +190,11 @@ class Trials:
         """
         useful = [one for one in fits if not any(effect in one.effects[old:] for effect in idle(self.problem, fitter, one.effects))]
         useful.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
-        return [self.fitted(draft) for draft in self.each(drafted, (fitter,), useful[:most])]
+        return self.refined(fitter, useful[:most])
+
+    def refined(self, fitter: LinearFitter, fits: Sequence[Fit]) -> list[Model]:
+        """`fits` refined a little in the simulator."""
+        return [self.fitted(draft) for draft in self.each(drafted, (fitter,), fits)]
 
     def settled(self, model: Model) -> Model:
         """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""

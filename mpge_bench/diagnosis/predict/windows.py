@@ -108,7 +108,7 @@ class WindowPredictor:
             start = self.starts(self.measured - self.state - self.base_error - self.sensed(linear.base))
             likely = motion.layout.state(motion.layout.dx(sigma), motion.spread)
             # Where a joint sticks that ought to break away, no start is right to first order.
-            followed = (np.abs(start) < self.settings.restarted * likely).all(1)[:, None, None]
+            followed = np.all(np.abs(start) < self.settings.restarted * likely, axis=1, keepdims=True)[..., None]
             self.state = np.where(followed, self.state + self.base_error + (self.flow @ start[:, None, :, None])[..., 0], self.state)
             self.base_error = np.where(followed, 0.0, self.base_error)
         self.first = self.state[:, 0]
