@@ -65,7 +65,7 @@ class PredictSettings:
     curved: float = setting(4.0, "coarse", "where half the physics step changes predictions by as much, its error beyond first order is of that size, too")
     start_position: float = setting(20.0, "standard deviations of q", "how far the first state may lie from the first guess")
     start_velocity: float = setting(0.3, "share of the speed", "the same for velocities, which may not be measured at all")
-    restarted: float = setting(20.0, "standard deviations of the smoothed state", "by which a window's best start differs where the simulator follows at all")
+    restarted: float = setting(40.0, "standard deviations of the smoothed state", "by which a window's best start differs where the simulator follows at all")
     started: float = setting(1e-3, "share of its column", "a starting state whose effect on the readings differs by less from the others' takes nothing away")
     refinements: int = setting(2, "passes", "of reference and noise, each about the other; a third changes next to nothing")
     outermost: float = setting(99.0, "percent", "of third differences count in the first estimate of the noise: knocks are no noise")

@@ -96,7 +96,7 @@ def test_hidden_states_are_warmed_up_for_as_long_as_they_remember(rig: Rig, effe
     assert np.abs(predicted[0] - state[rows[0]]).max() < 0.03 * np.abs(still[0] - state[rows[0]]).max()
 
 
-@pytest.mark.parametrize(("coulomb", "static"), [(0.3, 0.9), (1.0, 2.5)])
+@pytest.mark.parametrize(("coulomb", "static"), [(0.5, 1.5), (1.0, 2.5)])
 def test_where_a_joint_sticks_that_breaks_away_windows_begin_as_the_recording_says(rig: Rig, coulomb: float, static: float) -> None:
     """To first order only a start at radians a second, which would be gone at once, moves a joint that sticks."""
     effect = StribeckFriction("shoulder", coulomb, static, 0.2)
