@@ -174,13 +174,15 @@ class PeriodicFriction(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        size = 0.1 * scale.torque
-        return [{"mean": size, "swing": size, **turn} for turn in _turns(scale)]
+        return cls._starts(0.1 * scale.torque, 1.0, scale)
 
     @classmethod
     def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
-        size = plainer.torque if isinstance(plainer, CoulombFriction) else 0.0
-        return [{"mean": size, "swing": _PART * size, **turn} for turn in _turns(scale)] if size else []
+        return cls._starts(plainer.torque, _PART, scale) if isinstance(plainer, CoulombFriction) and plainer.torque else []
+
+    @staticmethod
+    def _starts(torque: float, part: float, scale: Scale) -> list[dict[str, Any]]:
+        return [{"mean": torque, "swing": part * torque, **turn} for turn in _turns(scale)]
 
 
 @dataclass(frozen=True)

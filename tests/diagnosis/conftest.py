@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,11 +14,14 @@ import pandas as pd
 import pytest
 import yaml
 
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Problem, problem
+from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.predict.windows import WindowPredictor, windows_of
@@ -78,6 +82,11 @@ def posed(rig: Rig, *hidden: Effect, seconds: float, noise: float = 0.0) -> Prob
     noisy = [replace(one, q=one.q + rng.normal(0, noise, one.q.shape), dq=one.dq + rng.normal(0, 10 * noise, one.dq.shape)) for one in exact]
     measured = measurements(rig, noisy, DEFAULT)
     return problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
+
+
+def searching(asked: Problem, deadline: float = math.inf) -> Trials:
+    """A search among all candidates, of which nothing was begun."""
+    return Trials(asked, candidates(asked.rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
 
 
 def table(recording: Recording, rig: Rig) -> pd.DataFrame:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
@@ -17,7 +15,6 @@ from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.envs.effects import Effect
 
 Beam = list[tuple[Model, LinearFitter]]
 
@@ -96,16 +93,10 @@ def _ordered(drafts: list[Model]) -> list[Model]:
 def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screening, tried: int) -> list[Model]:
     """Models of one more effect than `model`, fitted roughly: of the `tried` candidates that promise most, the better half."""
     ranked = [one for one in sorted(looked.gains, key=lambda one: -looked.gains[one]) if one.adds_to(model.effects)][:tried]
-    contained = [[effect for effect in model.effects if one.contains(effect)] for one in ranked]
-    rest = [[effect for effect in model.effects if effect not in within] for within in contained]
-    steps = [(others, one.beyond(within, trials.problem.scale(one.target))) for others, one, within in zip(rest, ranked, contained, strict=True)]
+    steps = [trials.step(model.effects, one) for one in ranked]
     # What the linearised simulator makes of friction that begins where plainer friction was fitted may be far off: that is tried as it begins, too.
-    begun = [fitter.at([*others, start]) for within, (others, one) in zip(contained, steps, strict=True) if _rubs(within) for start in one.starts]
+    begun = [fitter.at([*others, start]) for others, one in steps if one.is_sized for start in one.starts if start.rubs]
     return trials.drafted(fitter, trials.grown(fitter, steps), tried // 2) + trials.refined(fitter, begun)
-
-
-def _rubs(effects: Sequence[Effect]) -> bool:
-    return any(effect.rubs for effect in effects)
 
 
 def _polished(trials: Trials, drafts: list[Model], depth: int, beside: Beam) -> Beam:

@@ -77,10 +77,7 @@ def _fits(trials: Trials, model: Model, fitter: LinearFitter, least: float) -> l
     here = [one for one in trials.formulas if one.label not in model.key]
     looks: list[tuple[float, Candidate]] = trials.each(_look, (fitter, model), here)
     promising = sorted((look for look in looks if look[0] > least), key=lambda look: -look[0])[: trials.settings.formulas]
-    contained = [[effect for effect in model.effects if one.contains(effect)] for _, one in promising]
-    rest = [[effect for effect in model.effects if effect not in within] for within in contained]
-    steps = [(others, one.beyond(within, trials.problem.scale(one.target))) for others, (_, one), within in zip(rest, promising, contained, strict=True)]
-    return trials.grown(fitter, steps)
+    return trials.grown(fitter, [trials.step(model.effects, one) for _, one in promising])
 
 
 def is_told(model: Model) -> bool:

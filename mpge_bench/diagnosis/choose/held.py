@@ -7,19 +7,24 @@ still. Each is tried in the simulator itself.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import within_bounds
+
+Array = npt.NDArray[np.float64]
 
 
 def held(trials: Trials) -> list[tuple[Model, LinearFitter]]:
     """Models of dry friction alone, fitted to the end, on each joint that stands still, if that much of it explains most of what the simulator misses."""
     if trials.cut_short("joints that are held fast"):
         return []
-    starts = [start for candidate in trials.candidates for start in _starts(trials, candidate)]
+    lacking = trials.fitter.predictor.linear.residual_torques()
+    starts = [start for candidate in trials.candidates for start in _starts(trials, candidate, lacking)]
     drafts = trials.refined(trials.fitter, [trials.fitter.at([start]) for start in starts])
     most = trials.settings.holding_leaves * trials.nominal.overall
     best: dict[frozenset[str], Model] = {}
@@ -29,19 +34,22 @@ def held(trials: Trials) -> list[tuple[Model, LinearFitter]]:
     return trials.polished([one.effects for one in best.values()])
 
 
-def _starts(trials: Trials, candidate: Candidate) -> list[Effect]:
-    """As much of `candidate` as the simulator lacks where its joint stands still, mostly and at most, and where that slides; none if it never stands still."""
+def _starts(trials: Trials, candidate: Candidate, lacking: Array) -> list[Effect]:
+    """As much of `candidate` as the simulator lacks where its joint stands still, mostly and at most, and where that slides; none if it never stands still.
+
+    Args:
+        lacking: torques that the simulator lacks, shape (r, k, j).
+    """
     if not candidate.kind.holding(1.0) or trials.problem.rig.own(candidate.starts[0]):
         return []
-    settings, linear, joint = trials.settings, trials.fitter.predictor.linear, trials.problem.rig.joints.index(candidate.target)
-    motion = linear.motion
+    settings, motion, joint = trials.settings, trials.fitter.predictor.linear.motion, trials.problem.rig.joints.index(candidate.target)
     moves = motion.valid(ahead=1)
-    lacking, speed = linear.residual_torques()[moves][:, joint], motion.layout.dq(motion.state)[moves][:, joint]
+    torque, speed = lacking[moves][:, joint], motion.layout.dq(motion.state)[moves][:, joint]
     rests = np.abs(speed) < settings.resting * motion.spread[joint]
     if rests.mean() < settings.rests:
         return []
-    torques = np.quantile(np.abs(lacking[rests]), settings.holding).tolist()
+    torques = np.quantile(np.abs(torque[rests]), settings.holding).tolist()
     if not rests.all():
-        torques.append(float(np.mean(-lacking[~rests] * np.sign(speed[~rests]))))
-    found = [one for torque in torques if torque > 0 for one in candidate.kind.holding(torque)]
-    return [candidate.kind(target=candidate.target, **one) for one in found]
+        torques.append(float(np.mean(-torque[~rests] * np.sign(speed[~rests]))))
+    found = [one for size in torques if size > 0 for one in candidate.kind.holding(size)]
+    return [within_bounds(candidate.kind, candidate.target, one) for one in found]

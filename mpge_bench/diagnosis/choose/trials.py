@@ -182,6 +182,11 @@ class Trials:
         """Of each step its effects and a candidate beside them, fitted in the linearised simulator."""
         return self.each(_grown, (fitter,), steps)
 
+    def step(self, effects: Sequence[Effect], candidate: Candidate) -> tuple[list[Effect], Candidate]:
+        """Those of `effects` that `candidate` does not contain, and it, begun where those ended that it does."""
+        contained = [effect for effect in effects if candidate.contains(effect)]
+        return [effect for effect in effects if effect not in contained], candidate.beyond(contained, self.problem.scale(candidate.target))
+
     def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int, old: int = 0) -> list[Model]:
         """Those `fits` of the linearised simulator without idle effects that come nearest, `most` of them, refined a little in the simulator.
 

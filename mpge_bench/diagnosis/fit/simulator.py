@@ -66,9 +66,9 @@ def drafted(problem: Problem, fitter: LinearFitter, fit: Fit) -> Model:
     Where the base has dry friction also with the base's own parameters as they were: where a joint sticks or slips nothing is in proportion to them.
     """
     best = _refined(problem, fitter, fit, problem.settings.fit.iterations)
-    base = fitter.predictor.linear.base
-    if any(effect.rubs for effect in base):
-        as_it_was = tuple(next((own for own in base if key([own]) == key([effect])), effect) for effect in fit.effects)
+    base = {key([effect]): effect for effect in fitter.predictor.linear.base}
+    as_it_was = tuple(base.get(key([effect]), effect) for effect in fit.effects)
+    if as_it_was != fit.effects and any(effect.rubs for effect in base.values()):
         best = min(best, _refined(problem, fitter, replace(fit, effects=as_it_was), problem.settings.fit.iterations), key=lambda one: one.chi_square)
     return judged(problem, fitter, Fit(best.effects, best.residuals, fit.jacobian))
 

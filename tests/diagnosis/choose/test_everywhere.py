@@ -9,26 +9,24 @@ import pytest
 import yaml
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere, needed
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
-from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
-from mpge_bench.diagnosis.fit.simulator import nominal, polished
-from mpge_bench.diagnosis.hypotheses.candidates import candidates
+from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, LoadFriction, PositionServo, ViscousFriction
 from mpge_bench.envs.effects.vector import parameters_of
 
-from ..conftest import posed, write_case
+from ..conftest import posed, searching, write_case
 
 HIDDEN = (CoulombFriction("shoulder", 0.3), CoulombFriction("elbow", 0.15), Armature("shoulder", 0.05), Armature("elbow", 0.01), ViscousFriction("elbow", 0.1))
 
 
 def notebook(rig: Rig, hidden: tuple[Effect, ...], deadline: float = math.inf) -> Trials:
     asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
-    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
+    return searching(asked, deadline)
 
 
 def test_what_each_joint_has_is_found_in_one_go_and_what_it_has_not_is_left_out(rig: Rig) -> None:
@@ -50,7 +48,7 @@ def test_a_servo_of_which_the_rig_knows_no_damping_has_other_gains_and_a_gear(tm
     rig = read_rig(write_case(tmp_path, hidden, servo={"kp": 6.0}, noise=2e-4))
     measured = measurements(rig, read_recordings(sorted(tmp_path.glob("*.csv")), rig), DEFAULT)
     asked = problem(measured, reference(rig, measured.recordings), DEFAULT.predict.horizon)
-    trials = Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, math.inf))
+    trials = searching(asked)
     found = everywhere(trials)
     assert found
     values = {one.name: parameters_of(one) for one in found[0].effects}

@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import nominal, polished
+from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
 from mpge_bench.envs.effects import (
     Armature,
@@ -38,18 +38,18 @@ from mpge_bench.envs.effects import (
 )
 from mpge_bench.envs.effects.vector import parameters_of
 
-from ..conftest import posed
+from ..conftest import posed, searching
 
 
-def searching(rig: Rig, *hidden: Effect, deadline: float = math.inf) -> Trials:
+def sought(rig: Rig, *hidden: Effect, deadline: float = math.inf) -> Trials:
     """A search among recordings of `rig` with `hidden` effects."""
     asked = posed(rig, *hidden, seconds=4.0, noise=2e-4)
-    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
+    return searching(asked, deadline)
 
 
 def described(rig: Rig, hidden: tuple[Effect, ...], named: tuple[Effect, ...] = (), deadline: float = math.inf) -> Model:
     """What is chosen where `hidden` effects are at work and `named` ones are what the search for physics has come to."""
-    trials = searching(rig, *hidden, deadline=deadline)
+    trials = sought(rig, *hidden, deadline=deadline)
     chosen = trials.add(polished(trials.problem, named)[0]) if named else trials.nominal
     return with_formulas(trials, chosen)
 
@@ -90,7 +90,7 @@ def test_what_all_joints_had_been_given_before_a_formula_goes_at_once(rig: Rig) 
     law = PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5)
     kinds = ((Armature, 1e-3), (ViscousFriction, 1e-2), (CoulombFriction, 1e-2), (SensorBias, 1e-3))
     stand_ins = tuple(kind(joint, size) for kind, size in kinds for joint in ("shoulder", "elbow"))
-    trials = searching(rig, law)
+    trials = sought(rig, law)
     found = needed(trials, trials.add(polished(trials.problem, (*stand_ins, law))[0]))
     assert [(one.name, one.target) for one in found.effects] == [("periodic_friction", "shoulder")]
 
@@ -116,7 +116,7 @@ def test_what_validation_windows_hardly_show_is_found_where_it_leaves_nothing(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, left: float, is_found: bool
 ) -> None:
     """Friction of a joint that hardly moves in the recording that chooses was called a friction of its load, which missed four times the noise elsewhere."""
-    trials = searching(rig, OneWayFriction("elbow", 0.2, 0.05))
+    trials = sought(rig, OneWayFriction("elbow", 0.2, 0.05))
     held, model = trials.problem.validation, polished(trials.problem, [OneWayFriction("elbow", 0.2, 0.05)])[0]
 
     def missing(train: float, validation: float) -> Model:
@@ -132,7 +132,7 @@ def test_what_validation_windows_hardly_show_is_found_where_it_leaves_nothing(
 @pytest.mark.parametrize(("amplitude", "is_found"), [(0.001, False), (0.05, True)])
 def test_a_formula_that_does_next_to_nothing_is_none(rig: Rig, monkeypatch: pytest.MonkeyPatch, amplitude: float, is_found: bool) -> None:
     """A pole 3.5% lighter, which named effects that do so little are not taken for, was called a wave of a quarter of a percent of the torque."""
-    trials = searching(rig, PeriodicTorque("elbow", amplitude, 3.0, 0.2))
+    trials = sought(rig, PeriodicTorque("elbow", amplitude, 3.0, 0.2))
     law = polished(trials.problem, [PeriodicTorque("elbow", amplitude, 3.0, 0.2)])[0]
     stand_in = replace(trials.nominal, missed=law.missed + 4.0, train=4.0, validation=4.0, overall=4.0)
     for name, found in (("_richer", law), ("needed", law)):
@@ -175,7 +175,7 @@ def test_a_spring_of_one_joint_is_no_coupling(rig: Rig) -> None:
 
 
 def test_a_formula_that_explains_all_by_itself_is_found_before_anything_is_combined(rig: Rig) -> None:
-    trials = searching(rig, PeriodicTorque("elbow", 0.4, 8.0, 0.7))
+    trials = sought(rig, PeriodicTorque("elbow", 0.4, 8.0, 0.7))
     found = lone_formula(trials)
     assert found
     assert found.key == {"periodic_torque:elbow"}
@@ -191,4 +191,4 @@ def test_a_formula_that_explains_all_by_itself_is_found_before_anything_is_combi
     ],
 )
 def test_where_none_does_there_is_none(rig: Rig, hidden: tuple[Effect, ...]) -> None:
-    assert lone_formula(searching(rig, *hidden)) is None
+    assert lone_formula(sought(rig, *hidden)) is None

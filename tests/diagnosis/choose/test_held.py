@@ -7,26 +7,23 @@ import math
 import pytest
 
 from mpge_bench.diagnosis.choose.held import held
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
-from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.diagnosis.hypotheses.candidates import candidates
 from mpge_bench.envs.effects import CoulombFriction, Effect, TorqueBias, ViscousFriction
 
-from ..conftest import posed
+from ..conftest import posed, searching
 
 
-def searching(rig: Rig, *hidden: Effect, deadline: float = math.inf) -> Trials:
+def sought(rig: Rig, *hidden: Effect, deadline: float = math.inf) -> Trials:
     """A search among recordings of `rig` with `hidden` effects."""
     asked = posed(rig, *hidden, seconds=4.0, noise=5e-4)
-    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))
+    return searching(asked, deadline)
 
 
 @pytest.mark.parametrize("torque", [1.5, 2.5])
 def test_friction_that_mostly_holds_a_joint_is_found_by_what_it_holds_against(rig: Rig, torque: float) -> None:
     """By the sign of the velocity, which is noise, it would explain nothing."""
-    trials = searching(rig, CoulombFriction("elbow", torque), TorqueBias("shoulder", 0.2))
+    trials = sought(rig, CoulombFriction("elbow", torque), TorqueBias("shoulder", 0.2))
     found = min((model for model, _ in held(trials)), key=lambda one: one.overall)
     assert found.key == {"coulomb_friction:elbow"}
     assert found.overall < 0.2 * trials.nominal.overall
@@ -34,8 +31,8 @@ def test_friction_that_mostly_holds_a_joint_is_found_by_what_it_holds_against(ri
 
 @pytest.mark.parametrize("hidden", [(), (ViscousFriction("elbow", 0.3),)])
 def test_where_no_joint_is_held_nothing_is_fitted(rig: Rig, hidden: tuple[Effect, ...]) -> None:
-    assert held(searching(rig, *hidden)) == []
+    assert held(sought(rig, *hidden)) == []
 
 
 def test_without_time_nothing_is_begun(rig: Rig) -> None:
-    assert held(searching(rig, CoulombFriction("elbow", 2.5), deadline=0.0)) == []
+    assert held(sought(rig, CoulombFriction("elbow", 2.5), deadline=0.0)) == []

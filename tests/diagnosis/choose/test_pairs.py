@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, key
 from mpge_bench.envs.effects import CoulombFriction, Payload, TorqueBias, TorqueGain, ViscousFriction
 
-from ..conftest import posed
+from ..conftest import posed, searching
 
 HIDDEN = (Payload("lower", 0.15, 0.3), TorqueBias("shoulder", 1.0))
 
@@ -26,7 +26,7 @@ HIDDEN = (Payload("lower", 0.15, 0.3), TorqueBias("shoulder", 1.0))
 def trials(rig: Rig) -> Trials:
     """Of recordings of the arm with a load on one link and a bias on the other's motor."""
     asked = posed(rig, *HIDDEN, seconds=4.0, noise=2e-4)
-    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, math.inf))
+    return searching(asked)
 
 
 def test_the_true_pair_is_among_the_first_of_all(trials: Trials) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,21 +10,19 @@ import pytest
 from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
 from mpge_bench.diagnosis.choose.simplest import needed, simplest
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest
-from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
-from mpge_bench.diagnosis.hypotheses.candidates import candidates
 from mpge_bench.envs.effects import Armature, Delay, JointElasticity, Payload, SensorDelay
 
-from ..conftest import posed
+from ..conftest import posed, searching
 
 
 @pytest.fixture
 def trials(rig: Rig) -> Trials:
     asked = posed(rig, Armature("elbow", 0.02), seconds=3.0, noise=1e-4)
-    return Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, math.inf))
+    return searching(asked)
 
 
 def test_what_means_nothing_is_left_out_whatever_it_seems_to_gain_and_the_rest_fitted_from_where_it_was(trials: Trials) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,19 +14,18 @@ import pytest
 from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, plainness, remainder, twins
-from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import nominal, polished
-from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
 from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Delay, Gravity, InertiaScale, Lag, MassScale, Payload, SensorBias, SensorDelay, TorqueGain
 
-from ..conftest import Made, posed, record, write_case
+from ..conftest import Made, posed, record, searching, write_case
 
 
 def test_the_plainer_of_two_equals() -> None:
@@ -71,7 +69,7 @@ def test_a_sum_of_several_loads_is_no_load(rig: Rig) -> None:
 def test_one_effect_takes_the_place_of_two(rig: Rig) -> None:
     """A denser link and its centre of mass, taken up one after the other, stand for a load."""
     asked = posed(rig, Payload("lower", 0.05, 0.25), seconds=4.0, noise=2e-4)
-    trials = Trials(asked, candidates(rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, math.inf))
+    trials = searching(asked)
     two = trials.add(polished(asked, (MassScale("lower", 1.06), ComOffset("lower", 0.0, 0.0, -0.02)))[0])
     found = merged(trials, two)
     assert found.key == {"payload:lower"}

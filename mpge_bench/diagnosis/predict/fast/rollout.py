@@ -55,9 +55,7 @@ class Mechanism:
     tree: FlatTree
     program: Program
 
-    def roll(
-        self, start: Array, u: Array, *, every: int = 1, unstable: float, since: Array | None = None, shaken: Array | None = None
-    ) -> Array:
+    def roll(self, start: Array, u: Array, *, every: int = 1, unstable: float, since: Array | None = None, shaken: Array | None = None) -> Array:
         """The motion from each of `start` on; arguments as of `followed`.
 
         Returns:
