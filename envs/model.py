@@ -468,6 +468,12 @@ class Model:
         given = self._root.find(f"link[@name='{link}']/contact/restitution")
         return 0.0 if given is None else float(given.get("value", "0"))
 
+    def compliance(self, link: str) -> tuple[float, float] | None:
+        """Stiffness, N/m, and damping, N s/m, with which `link` touches; None of one that is hard."""
+        given = [self._root.find(f"link[@name='{link}']/contact/{name}") for name in ("stiffness", "damping")]
+        stiffness, damping = (0.0 if one is None else float(one.get("value", "0")) for one in given)
+        return (stiffness, damping) if stiffness else None
+
     def bounces(self) -> bool:
         """Whether a link has restitution."""
         return any(self.restitution(link) for link in self.touching())
@@ -541,6 +547,16 @@ class Model:
         for inertial in base.findall("inertial"):
             base.remove(inertial)
         _add_massless(base)
+
+    def tell_free(self) -> None:
+        """Say in the file itself that a floating base is free, and that no links are to be melted into one: by what MuJoCo reads of a URDF file."""
+        ET.SubElement(ET.SubElement(self._root, "mujoco"), "compiler", fusestatic="false", strippath="false", discardvisual="true")
+        if self.floating:
+            base = self._base()
+            joint = ET.SubElement(self._root, "joint", name=f"{base}:free", type="floating")
+            ET.SubElement(joint, "parent", link="world")
+            ET.SubElement(joint, "child", link=base)
+            ET.SubElement(self._root, "link", name="world")
 
     def strip_geometry(self) -> None:
         """Drop what is only seen or touched, for mechanisms that touch nothing."""

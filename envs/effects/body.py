@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.envs.effects.effect import Effect, OfModel, Parameter, Scale
+from mpge_bench.envs.effects.effect import OfModel, Parameter, Scale
 
 if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
@@ -183,7 +183,7 @@ class LinkSize(OfModel):
 
 
 @dataclass(frozen=True)
-class ContactFriction(Effect):
+class ContactFriction(OfModel):
     """The link's (``"*"``: every link's) coefficient of friction in contact is `coefficient`, whatever the model says; Bullet multiplies it with the
     ground's."""
 
@@ -210,7 +210,7 @@ class ContactFriction(Effect):
 
 
 @dataclass(frozen=True)
-class Restitution(Effect):
+class Restitution(OfModel):
     """The link (``"*"``: every link) bounces off the ground with `coefficient` of the speed at which it came, whatever the model says."""
 
     coefficient: float
@@ -235,7 +235,7 @@ class Restitution(Effect):
 
 
 @dataclass(frozen=True)
-class ContactCompliance(Effect):
+class ContactCompliance(OfModel):
     """The link (``"*"``: every link) meets the ground through a spring of `stiffness` and a damper, at each point of contact, in place of a hard one."""
 
     stiffness: float

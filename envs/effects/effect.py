@@ -418,7 +418,7 @@ class Effect:
 
 
 class OfModel(Effect):
-    """What makes a link another body, or puts a joint elsewhere: the model itself is another, and a URDF holds it as it is."""
+    """What makes a link another body, or another one to touch, or puts a joint elsewhere: the model itself is another, and a URDF holds it as it is."""
 
     def to_urdf(self, model: Model) -> bool:
         self.install(model)

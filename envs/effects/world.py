@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,9 @@ from mpge_bench.envs.effects.effect import Effect, Parameter, Scale
 
 if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
+
+#: What the ground is called in a file for MuJoCo.
+GROUND = "ground"
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,10 @@ class GroundHeight(Effect):
     def install(self, model: Model) -> None:
         model.ground = replace(model.ground, height=self.height)
 
+    def to_mjcf(self, spec: Any) -> bool:
+        spec.geom(GROUND).pos[2] = self.height
+        return True
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"height": share * scale.length} for share in (-0.02, 0.02)] if scale.friction else []
@@ -122,6 +130,12 @@ class GroundTilt(Effect):
 
     def install(self, model: Model) -> None:
         model.ground = replace(model.ground, tilt=(self.x, self.y))
+
+    def to_mjcf(self, spec: Any) -> bool:
+        # Turned about x and then about the world's y, as Bullet's Euler angles are.
+        (one, other), (here, there) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in (self.x, self.y))
+        spec.geom(GROUND).quat = [one * here, other * here, one * there, -other * there]
+        return True
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.effects import Effect, JointSpring
+from mpge_bench.envs.effects import ContactCompliance, Effect, JointSpring, Restitution
+from mpge_bench.envs.effects.world import GROUND
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.model import Model
 
@@ -46,18 +47,18 @@ def exported(rig: Rig, path: Path, effects: Sequence[Effect] = ()) -> Exported:
     """`rig`, corrected by `effects`, as the file `path`, a URDF file or, ending in .xml, one in MuJoCo's format.
 
     Raises:
-        UserError: for another ending, a rig that is no mechanism of its own on a fixed base, where MuJoCo is needed and not installed, or does not take the
-            mechanism.
+        UserError: for another ending, a robot of the benchmark, where MuJoCo is needed and not installed, or does not take the mechanism.
     """
-    if rig.robot or not rig.is_tree:
-        raise UserError(f"{rig.path}: only rigs with a model file of their own, on a fixed base and without ground, can be exported")
+    if rig.robot:
+        raise UserError(f"{rig.path}: only rigs with a model file of their own can be exported")
     if path.suffix == ".urdf":
         model = rig.model.copy()
         left_out = _written(rig.chain(effects), model)
-        _relative(model, path.resolve().parent)
-        return Exported(_told(model.text().decode(), left_out), left_out)
+        for mesh in model.meshes():
+            mesh.set("filename", os.path.relpath(mesh.attrib["filename"], path.resolve().parent))
+        return Exported(_told(ET.fromstring(model.text()), left_out), left_out)
     if path.suffix == ".xml":
-        return _mjcf(rig, effects)
+        return _mjcf(rig, effects, path.resolve().parent)
     raise UserError(f"{path}: give a file that ends in .urdf, or in .xml for MuJoCo's format")
 
 
@@ -66,23 +67,25 @@ def _written(effects: Sequence[Effect], model: Model) -> tuple[Effect, ...]:
     return tuple(effect for effect in effects if not effect.to_urdf(model))
 
 
-def _mjcf(rig: Rig, effects: Sequence[Effect]) -> Exported:
+def _mjcf(rig: Rig, effects: Sequence[Effect], folder: Path) -> Exported:
     try:
         mujoco: Any = importlib.import_module("mujoco")
     except ImportError as error:
         raise UserError("MuJoCo's format needs MuJoCo: pip install 'mpge_bench[mjcf]'") from error
     model = rig.model.copy()
-    # What is only seen or touched: nothing touches here. Efforts: MuJoCo heeds them, this simulator and most others do not.
-    model.strip_geometry()
+    if not rig.ground:
+        model.strip_geometry()
+    # MuJoCo heeds efforts, this simulator and most others do not.
     model.forget_efforts()
     further = _written(rig.chain(effects), model)
+    model.tell_free()
     try:
         spec = mujoco.MjSpec.from_string(model.text().decode())
         spec.compile()
     except ValueError as error:
         raise UserError(f"{rig.model.path}: MuJoCo does not take it ({one_line(error)})") from error
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.compiler.balanceinertia = spec.compiler.fusestatic = False
+    spec.compiler.balanceinertia = False
     spec.option.timestep, spec.option.gravity = rig.timestep, rig.gravity
     for joint in rig.joints:
         spec.joint(joint).armature = model.armature.get(joint, 0.0)
@@ -90,24 +93,40 @@ def _mjcf(rig: Rig, effects: Sequence[Effect]) -> Exported:
             JointSpring(joint, *model.springs[joint]).to_mjcf(spec)
         if rig.modes[joint] != "passive":
             spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    left_out = tuple(effect for effect in further if not effect.to_mjcf(spec))
-    return Exported(_told(spec.to_xml(), left_out), left_out)
+    lost = _touched(mujoco, spec, model, rig.timestep) if rig.ground else ()
+    left_out = (*(effect for effect in further if not effect.to_mjcf(spec)), *lost)
+    root = ET.fromstring(spec.to_xml())
+    for mesh in root.iter("mesh"):
+        mesh.set("file", os.path.relpath(mesh.attrib["file"], folder))
+    return Exported(_told(root, left_out), left_out)
 
 
-def _relative(model: Model, folder: Path) -> None:
-    """Say where the meshes are as seen from `folder`."""
-    for mesh in model.meshes():
-        mesh.set("filename", os.path.relpath(mesh.attrib["filename"], folder))
+def _touched(mujoco: Any, spec: Any, model: Model, timestep: float) -> tuple[Effect, ...]:
+    """Lay ground into `spec`, which `model` was turned into, and let links touch it, but not each other; what of contact MuJoCo has no place for.
+
+    As hard as its solver can be at that step. Of two coefficients of friction MuJoCo takes the larger, and ours stand in the links.
+    """
+    hard = {"solref": [2 * timestep, 1.0], "condim": 3}
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.worldbody.add_geom(name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=[0, 0, 0], contype=0, conaffinity=1, **hard)
+    lost: list[Effect] = []
+    for link in model.touching():
+        for shape in spec.body(link).geoms:
+            shape.contype, shape.conaffinity, shape.condim, shape.solref = 1, 0, hard["condim"], hard["solref"]
+            shape.friction = [model.friction(link), 0, 0]
+        if model.restitution(link):
+            lost.append(Restitution(link, model.restitution(link)))
+        if (soft := model.compliance(link)) is not None:
+            lost.append(ContactCompliance(link, *soft))
+    return tuple(lost)
 
 
-def _told(text: str, left_out: Sequence[Effect]) -> str:
-    """The file with a line on what is not in it, behind its outermost element's head."""
-    if not left_out:
-        return text
-    root = ET.fromstring(text)
-    values = [{name: value for name, value in one.to_dict().items() if name not in ("effect", "target")} for one in left_out]
-    said = ", ".join(
-        f"{one.name} of {one.target} ({', '.join(f'{name} {value}' for name, value in own.items())})" for one, own in zip(left_out, values, strict=True)
-    )
-    root.insert(0, ET.Comment(f" Not held by this format: {said.replace('--', '- -')} "))
+def _told(root: ET.Element, left_out: Sequence[Effect]) -> str:
+    """The file with, where something is not in it, a line on that behind its outermost element's head."""
+    if left_out:
+        values = [{name: value for name, value in one.to_dict().items() if name not in ("effect", "target")} for one in left_out]
+        said = ", ".join(
+            f"{one.name} of {one.target} ({', '.join(f'{name} {value}' for name, value in own.items())})" for one, own in zip(left_out, values, strict=True)
+        )
+        root.insert(0, ET.Comment(f" Not held by this format: {said.replace('--', '- -')} "))
     return ET.tostring(root, encoding="unicode")

@@ -10,21 +10,28 @@ from types import SimpleNamespace
 import numpy as np
 import numpy.typing as npt
 import pytest
+import yaml
 
 from mpge_bench.diagnosis import pipeline
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.report.simulators import Exported, beside_report, exported
 from mpge_bench.envs.effects import (
     Armature,
+    ContactCompliance,
+    ContactFriction,
     CoulombFriction,
     CouplingDamping,
     CouplingSpring,
     Delay,
     Effect,
     Gravity,
+    GroundHeight,
+    GroundTilt,
     JointSpring,
     Lag,
+    MassScale,
     Payload,
+    Restitution,
     SensorBias,
     TorqueBias,
     TorqueGain,
@@ -32,7 +39,9 @@ from mpge_bench.envs.effects import (
     ViscousFriction,
 )
 from mpge_bench.envs.errors import UserError
+from mpge_bench.envs.model import Model
 from tests.diagnosis.conftest import ARM, write_rig
+from tests.diagnosis.free.conftest import BRICK, RIG
 
 mujoco = pytest.importorskip("mujoco")
 Array = npt.NDArray[np.float64]
@@ -115,6 +124,93 @@ def test_pybullet_moves_a_urdf_as_the_rig_that_it_was_made_of(tmp_path: Path) ->
     path = tmp_path / "again.yaml"
     path.write_text(f"robot: corrected.urdf\ntimestep: {STEP}\nrecord_period: 0.01\njoints: {{shoulder: {{mode: torque}}, elbow: {{mode: torque}}}}\n")
     assert np.abs(here(read_rig(path), u) - expected).max() < 1e-9
+
+
+#: The brick with a motor that turns an arm on it, high enough that the arm touches nothing.
+CRAWLER = BRICK.replace('<inertial><mass value="0.4"/>', '<inertial><origin xyz="0.01 0 0.005"/><mass value="0.4"/>').replace(
+    "</robot>",
+    """<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.1"/><inertia ixx="0.0001" ixy="0" ixz="0" iyy="0.0003" iyz="0" izz="0.0003"/></inertial>
+<collision><origin xyz="0.1 0 0" rpy="0 1.5707963 0"/><geometry><capsule radius="0.02" length="0.15"/></geometry></collision></link>
+<joint name="hip" type="continuous"><parent link="brick"/><child link="arm"/><origin xyz="0.06 0 0.03"/><axis xyz="0 0 1"/></joint></robot>""",
+)
+
+
+def crawler(folder: Path, **changes: object) -> Rig:
+    (folder / "crawler.urdf").write_text(CRAWLER)
+    rig = {**RIG, "robot": "crawler.urdf", "timestep": STEP, "joints": {"hip": {"mode": "torque"}}, **changes}
+    (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+    return read_rig(folder / "rig.yaml")
+
+
+def both(rig: Rig, effects: Sequence[Effect], q: Sequence[float], dq: Sequence[float], seconds: float) -> tuple[Array, Array]:
+    """Positions of base and hip after each step, here and in MuJoCo, which tells a free base's turning along its own axes; each of shape (steps, 4)."""
+    u = np.full((round(seconds / STEP), 1), 0.01)
+    world = rig.world(effects)
+    world.set_state(q, dq)
+    path = rig.path.with_suffix(".xml")
+    path.write_text(exported(rig, path, effects).text)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qpos[:] = *q[:3], q[6], *q[3:6], q[7]
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, data.qpos[3:7])
+    data.qvel[:] = *dq[:3], *turn.reshape(3, 3).T @ dq[3:6], dq[6]
+    found = []
+    for now in u:
+        data.ctrl[:] = now
+        mujoco.mj_step(model, data)
+        found.append(data.qpos[[0, 1, 2, 7]])
+    return world.roll(u)[0][:, [0, 1, 2, 7]], np.array(found)
+
+
+def test_a_free_body_flies_in_mujoco_as_here(tmp_path: Path) -> None:
+    effects = [MassScale("arm", 2.0), Armature("hip", 0.001), ViscousFriction("hip", 0.01), Gravity("world", (0.5, 0.0, -9.0))]
+    ours, theirs = both(crawler(tmp_path), effects, [0.0, 0.0, 1.0, 0.1, 0.3, 0.0, 0.9**0.5, 0.3], [0.3, 0.2, 1.0, 1.0, 2.0, 3.0, 0.5], 0.3)
+    assert np.abs(ours - theirs).max() < 1e-3
+    assert np.ptp(theirs, 0).min() > 0.02
+
+
+@pytest.mark.parametrize(
+    ("effects", "height"),
+    [
+        ([], 0.0),
+        ([ContactFriction("brick", 0.1), GroundHeight("world", -0.02)], -0.02),
+        # Put down level, an edge above.
+        ([GroundTilt("world", 0.01, 0.02)], 0.0018),
+    ],
+)
+def test_a_free_body_slides_in_mujoco_as_here(tmp_path: Path, effects: Sequence[Effect], height: float) -> None:
+    """Where it ends, to a millimetre, by which two simulators' contacts differ, after a slide of 6 or 8 cm: so little friction that it does not tip."""
+    rig = crawler(tmp_path, ground={"friction": 0.15, "restitution": 0.0})
+    ours, theirs = both(rig, effects, [0.0, 0.0, height + 0.0401, 0.0, 0.0, 0.0, 1.0, 0.0], [0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.3)
+    assert np.abs(ours - theirs)[-1, :3].max() < 1e-3
+    assert 0.055 < theirs[-1, 0] < 0.085
+
+
+def test_shapes_of_files_are_found_from_where_the_model_file_lies(tmp_path: Path) -> None:
+    rig = crawler(tmp_path)
+    corners = [(x, y, z) for x in (-0.06, 0.06) for y in (-0.05, 0.05) for z in (-0.04, 0.04)]
+    faces = "1 2 4|1 4 3|5 7 8|5 8 6|1 5 6|1 6 2|3 4 8|3 8 7|1 3 7|1 7 5|2 6 8|2 8 4".split("|")
+    (tmp_path / "shapes").mkdir()
+    (tmp_path / "shapes" / "brick.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {face}\n" for face in faces))
+    (tmp_path / "crawler.urdf").write_text(CRAWLER.replace('<box size="0.12 0.1 0.08"/>', '<mesh filename="shapes/brick.obj"/>'))
+    (tmp_path / "out").mkdir()
+    found = exported(read_rig(rig.path), tmp_path / "out" / "a.xml").text
+    assert 'file="../shapes/brick.obj"' in found
+    (tmp_path / "out" / "a.xml").write_text(found)
+    mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "a.xml"))
+
+
+def test_what_mujoco_has_not_of_contact_is_said(tmp_path: Path) -> None:
+    rig = crawler(tmp_path, ground={"friction": 0.5, "restitution": 0.1})
+    effects = [Restitution("arm", 0.3), ContactCompliance("brick", 1e4, 10.0)]
+    lost = exported(rig, tmp_path / "a.xml", effects).left_out
+    assert set(lost) == {Restitution("brick", 0.1), Restitution("arm", 0.3), ContactCompliance("brick", 1e4, 10.0)}
+    urdf = exported(rig, tmp_path / "a.urdf", effects)
+    assert not urdf.left_out
+    (tmp_path / "again.urdf").write_text(urdf.text)
+    again = Model(tmp_path / "again.urdf", floating=True)
+    assert (again.restitution("arm"), again.compliance("brick"), again.friction("arm")) == (0.3, (1e4, 10.0), 0.5)
 
 
 def test_what_a_format_cannot_hold_is_said_and_stands_in_the_file(tmp_path: Path) -> None:
