@@ -72,7 +72,8 @@ def export(
     Example: python -m mpge_bench export --rig report/corrected.yaml --out corrected.urdf
 
     URDF holds bodies, viscous and dry friction and limits of torques; MuJoCo's format rotors, springs, weak and biased motors, delays, lags, servos,
-    gravity, a free base and the ground, too. What a format has no place for is said, and stands in a comment in the file. In MuJoCo's format each motor has the name of its joint.
+    gravity, a free base and the ground, too. What a format has no place for is said, and stands in a comment in the file. In MuJoCo's format each motor has
+    the name of its joint.
     """
     from mpge_bench.diagnosis.data.rig import read_rig
     from mpge_bench.diagnosis.report.simulators import exported

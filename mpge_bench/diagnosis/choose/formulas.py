@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy.typing as npt
 from mpge_bench.diagnosis.choose.score import gain, idle
 from mpge_bench.diagnosis.choose.simplest import needed
 from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import drafted
+from mpge_bench.diagnosis.fit.simulator import as_it_is, drafted
 from mpge_bench.diagnosis.fit.told import without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.envs.effects import Effect
@@ -30,7 +32,33 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
         if rich is None or not (is_told(rich) and _is_much_better(trials, chosen, rich) and trials.no_worse(rich, chosen)) or _is_slight(trials, rich):
             break
         chosen = needed(trials, rich)
+    return _in_place_of_named(trials, chosen)
+
+
+def _in_place_of_named(trials: Trials, chosen: Model) -> Model:
+    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles.
+
+    That may leave nothing to be explained by anything beside it, though it is not what there is: a motor that grows weaker delivers less on the average, too.
+    """
+    for effect in chosen.effects:
+        alike = [one for one in trials.formulas if one.target == effect.target and effect.name in one.kind.resembles]
+        if not alike or trials.cut_short("formulas"):
+            continue
+        others = tuple(one for one in chosen.effects if one is not effect)
+        base = as_it_is(trials.problem, others) if others else trials.nominal
+        fitter = trials.problem.fitter(others) if others else trials.fitter
+        drafts = trials.refined(fitter, _fits(trials, base, fitter, 0.0, alike))
+        for model, end in trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[:1]]):
+            law = trials.add(trials.converged(model, end)[0])
+            if is_told(law) and _is_doubtless(trials, chosen, law) and trials.no_worse(law, chosen):
+                chosen = law
     return chosen
+
+
+def _is_doubtless(trials: Trials, chosen: Model, law: Model) -> bool:
+    """Whether windows leave no doubt that `law` is nearer than `chosen`."""
+    odds = log_odds(chosen.missed_beside(law), law.missed_beside(chosen), trials.problem.settings.fit.pieces)
+    return odds > trials.settings.doubtless + law.parameters - chosen.parameters
 
 
 def _is_slight(trials: Trials, rich: Model) -> bool:
@@ -50,7 +78,7 @@ def lone_formula(trials: Trials) -> Model | None:
     settings = trials.settings
     if trials.cut_short("formulas"):
         return None
-    best = min(_fits(trials, trials.nominal, trials.fitter, settings.lone), key=lambda one: trials.fitter.chi_square(one.cost), default=None)
+    best = min(_fits(trials, trials.nominal, trials.fitter, settings.lone, trials.formulas), key=lambda one: trials.fitter.chi_square(one.cost), default=None)
     # In the linearised simulator, along the recorded motion: an unpolished fit may lead the simulator itself far astray.
     if best is None or trials.fitter.chi_square(best.cost) > settings.coarse:
         return None
@@ -63,7 +91,7 @@ def _richer(trials: Trials, chosen: Model) -> Model | None:
     drafts: list[Model] = []
     for model in (chosen, trials.nominal) if chosen.effects else (trials.nominal,):
         fitter = trials.problem.fitter(model.effects) if model.effects else trials.fitter
-        drafts += trials.each(drafted, (fitter,), _fits(trials, model, fitter, 0.0))
+        drafts += trials.each(drafted, (fitter,), _fits(trials, model, fitter, 0.0, trials.formulas))
     ends = trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[: trials.settings.polished]])
     if not ends:
         return None
@@ -72,9 +100,9 @@ def _richer(trials: Trials, chosen: Model) -> Model | None:
     return trials.add(trials.converged(*best)[0])
 
 
-def _fits(trials: Trials, model: Model, fitter: LinearFitter, least: float) -> list[Fit]:
-    """The formulas that promise most beside `model`, more than a share `least` of what it leaves, fitted in the linearised simulator."""
-    here = [one for one in trials.formulas if one.label not in model.key]
+def _fits(trials: Trials, model: Model, fitter: LinearFitter, least: float, formulas: Sequence[Candidate]) -> list[Fit]:
+    """Those of `formulas` that promise most beside `model`, more than a share `least` of what it leaves, fitted in the linearised simulator."""
+    here = [one for one in formulas if one.label not in model.key]
     looks: list[tuple[float, Candidate]] = trials.each(_look, (fitter, model), here)
     promising = sorted((look for look in looks if look[0] > least), key=lambda look: -look[0])[: trials.settings.formulas]
     return trials.grown(fitter, [trials.step(model.effects, one) for _, one in promising])

@@ -34,6 +34,7 @@ from mpge_bench.envs.effects import (
     PeriodicTorque,
     SensorBias,
     SlopedFriction,
+    TorqueGain,
     ViscousFriction,
 )
 from mpge_bench.envs.effects.vector import parameters_of
@@ -105,6 +106,27 @@ def test_what_had_stood_in_for_a_formula_goes_and_what_is_needed_stays(rig: Rig)
 @pytest.mark.parametrize("named", [(), (ViscousFriction("elbow", 0.1),)])
 def test_where_nothing_is_left_no_formula_is_looked_for(rig: Rig, named: tuple[Effect, ...]) -> None:
     assert described(rig, named, named).key == {f"{one.name}:{one.target}" for one in named}
+
+
+@pytest.mark.parametrize(
+    ("hidden", "named", "key"),
+    [
+        # Nothing had been left to explain: the motor delivers 2% less on the average.
+        ((DriftingGain("elbow", -0.008),), (TorqueGain("elbow", 0.98),), {"drifting_gain:elbow"}),
+        (
+            (DriftingGain("elbow", -0.008), Armature("shoulder", 0.02)),
+            (TorqueGain("elbow", 0.98), Armature("shoulder", 0.02)),
+            {"drifting_gain:elbow", "armature:shoulder"},
+        ),
+        ((TorqueGain("elbow", 0.98),), (TorqueGain("elbow", 0.98),), {"torque_gain:elbow"}),
+        ((JointSpring("elbow", 0.1),), (JointSpring("elbow", 0.1),), {"joint_spring:elbow"}),
+    ],
+)
+def test_a_formula_takes_the_place_of_what_it_resembles_only_where_there_is_no_doubt(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, hidden: tuple[Effect, ...], named: tuple[Effect, ...], key: set[str]
+) -> None:
+    monkeypatch.setattr(Trials, "is_clean", lambda trials, model: True)
+    assert described(rig, hidden, named).key == key
 
 
 def test_without_time_named_physics_is_the_answer(rig: Rig) -> None:

@@ -190,7 +190,7 @@ def test_a_free_body_slides_in_mujoco_as_here(tmp_path: Path, effects: Sequence[
 def test_shapes_of_files_are_found_from_where_the_model_file_lies(tmp_path: Path) -> None:
     rig = crawler(tmp_path)
     corners = [(x, y, z) for x in (-0.06, 0.06) for y in (-0.05, 0.05) for z in (-0.04, 0.04)]
-    faces = "1 2 4|1 4 3|5 7 8|5 8 6|1 5 6|1 6 2|3 4 8|3 8 7|1 3 7|1 7 5|2 6 8|2 8 4".split("|")
+    faces = ["1 2 4", "1 4 3", "5 7 8", "5 8 6", "1 5 6", "1 6 2", "3 4 8", "3 8 7", "1 3 7", "1 7 5", "2 6 8", "2 8 4"]
     (tmp_path / "shapes").mkdir()
     (tmp_path / "shapes" / "brick.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {face}\n" for face in faces))
     (tmp_path / "crawler.urdf").write_text(CRAWLER.replace('<box size="0.12 0.1 0.08"/>', '<mesh filename="shapes/brick.obj"/>'))
