@@ -155,9 +155,9 @@ class Trials:
         entries = self.fitter.predictor.halved_error[0].size
         return float(entries * np.sum(simple.missed_beside(rich) - rich.missed_beside(simple)))
 
-    def no_worse(self, rich: Model, simple: Model) -> bool:
-        """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`."""
-        return self._exported(rich.effects) <= self._exported(simple.effects)
+    def no_worse(self, rich: Model, simple: Model, *, within: float = 0.0) -> bool:
+        """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`, but for a share `within` of the error."""
+        return self._exported(rich.effects) <= (1 + within) * self._exported(simple.effects)
 
     def known(self) -> dict[frozenset[str], Model]:
         """The last model of each set of effects."""
