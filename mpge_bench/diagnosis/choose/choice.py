@@ -114,9 +114,10 @@ def choose(
     trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
     chosen = mismatch.nominal
     if mismatch.screening.p_value < problem.settings.choose.significance:
-        grow(trials, mismatch.screening)
-        if shown_to_some(trials.models, problem.settings):
-            _dealt_anew(trials, options)
+        with trials.growing():
+            grow(trials, mismatch.screening)
+            if shown_to_some(trials.models, problem.settings):
+                _dealt_anew(trials, options)
         named = with_formulas(trials, simplest(trials))
         nearer = by_recorded_states(trials, named)
         if nearer and trials.are_far([nearer]):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -46,6 +47,10 @@ class Clock:
     @property
     def late(self) -> bool:
         return is_past(self.deadline)
+
+    def sooner(self, share: float) -> Clock:
+        """One that is late when only a `share` of the time until the deadline is left."""
+        return replace(self, deadline=self.begun + (1 - share) * (self.deadline - self.begun))
 
 
 class Trials:
@@ -106,6 +111,16 @@ class Trials:
         if self.clock.late:
             self.cut[stage] = None
         return self.clock.late
+
+    @contextmanager
+    def growing(self) -> Iterator[None]:
+        """While effects are added, which is to leave time to leave out again what others have made needless."""
+        whole = self.clock
+        self.clock = whole.sooner(self.settings.pruning)
+        try:
+            yield
+        finally:
+            self.clock = whole
 
     def fitted(self, model: Model) -> Model:
         """Count `model` as fitted."""

@@ -196,6 +196,7 @@ class ChooseSettings:
     lone: float = setting(0.4, "share of what is missed", "a formula, one of whose starts explains as much, is tried by itself first")
     curve_passes: int = setting(3, "fits", "of a nameless curve, each about the motion as the model with it then smooths it")
     mostly: float = setting(0.5, "share of the gain", "named physics that explains as much keeps its name beside a curve over the same signal")
+    pruning: float = setting(0.15, "share of the time until nothing new is begun", "in which nothing is added any more, but what is needless is left out")
     reserved: float = setting(0.18, "share of the time budget", "in which nothing new is begun: what is under way ends, and the verdict is reached")
     reserved_least: float = setting(10.0, "s", "of small budgets more: so long the verdict takes where there are a few joints")
     reserved_most: float = setting(0.35, "share of the time budget", "but no more, or nothing would be searched for")

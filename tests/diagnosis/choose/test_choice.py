@@ -23,7 +23,8 @@ from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
-from mpge_bench.envs.effects import TorqueLimit, ViscousFriction
+from mpge_bench.envs.compiled import begin_budget
+from mpge_bench.envs.effects import CoulombFriction, TorqueLimit, ViscousFriction
 
 from ..conftest import ARM, posed, write_rig
 
@@ -106,3 +107,20 @@ def test_a_model_that_left_nothing_of_what_it_was_fitted_to_is_not_searched_for_
     assert found.chosen.key == {"viscous_friction:elbow"}
     assert found.chosen.validation < 1.2
     assert len(searches) == 1
+
+
+def test_time_is_left_to_leave_out_what_is_needless(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a search of seven joints that was cut short play was right, and an elastic drive beside it that was not there."""
+    hidden = ViscousFriction("elbow", 0.2)
+    asked = posed(rig, hidden, seconds=4.0, noise=2e-4)
+
+    def grow(trials: Trials, screening: object) -> None:
+        assert trials.cut_short("combining effects")
+        trials.add(polished(trials.problem, [hidden, CoulombFriction("shoulder", 0.02)])[0])
+
+    monkeypatch.setattr(choice, "grow", grow)
+    # Nine tenths of the time are gone.
+    now = begin_budget()
+    found = choice.choose(asked, candidates(rig, asked.scales), Workers(1), Clock(now - 900, now + 100))
+    assert found.chosen.key == {"viscous_friction:elbow"}
+    assert found.cut == ("combining effects",)
