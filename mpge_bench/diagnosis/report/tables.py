@@ -132,8 +132,8 @@ def values_text(lines: Iterable[Line]) -> str:
 
 
 def where_lines(where: Sequence[Place]) -> list[tuple[str, str, str]]:
-    """Name, share and regime of what the diagnosis names."""
-    return [(f"{place.kind} {place.name}".strip(), percent(place.share), place.regime) for place in where]
+    """Name, share and regime of what the diagnosis names; the world, of which there is one, by its name alone."""
+    return [(place.name if place.kind == place.name else f"{place.kind} {place.name}".strip(), percent(place.share), place.regime) for place in where]
 
 
 def joints_table(joints: Sequence[JointEvidence], corrected: bool) -> list[dict[str, Any]]:
