@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import sys
@@ -36,7 +37,7 @@ def ray_engine(jobs: int, address: str | None) -> Iterator[RayEngine]:
         host, _, port = (address or "").rpartition(":")
         if port.isdigit():
             socket.create_connection((host, int(port)), timeout=_ANSWER).close()
-        ray.init(**place, runtime_env={"env_vars": variables}, log_to_driver=False, logging_level="ERROR")
+        ray.init(**place, runtime_env={"env_vars": variables}, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError) as error:
         raise UserError(f"no Ray cluster at {address or 'this machine'} ({one_line(error)}); `ray start --head` starts one and says its address") from error
     try:
