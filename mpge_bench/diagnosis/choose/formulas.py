@@ -45,7 +45,11 @@ def _in_place_of_named(trials: Trials, chosen: Model) -> Model:
         if not alike or trials.cut_short("formulas"):
             continue
         others = tuple(one for one in chosen.effects if one is not effect)
-        base = as_it_is(trials.problem, others) if others else trials.nominal
+        try:
+            base = as_it_is(trials.problem, others) if others else trials.nominal
+        except np.linalg.LinAlgError:
+            # Without it the others lead the linearised simulator astray.
+            continue
         fitter = trials.problem.fitter(others) if others else trials.fitter
         drafts = trials.refined(fitter, _fits(trials, base, fitter, 0.0, alike))
         for model, end in trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[:1]]):
