@@ -174,7 +174,8 @@ class StribeckFriction(Effect):
 
     @classmethod
     def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
-        return cls._starts(plainer.torque, scale) if isinstance(plainer, CoulombFriction) else []
+        # One number for both lies between them.
+        return cls._starts(plainer.torque / 1.5, scale) if isinstance(plainer, CoulombFriction) else []
 
     @staticmethod
     def _starts(coulomb: float, scale: Scale) -> list[dict[str, Any]]:

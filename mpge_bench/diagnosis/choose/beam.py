@@ -15,6 +15,7 @@ from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.hypotheses.candidates import key
 
 Beam = list[tuple[Model, LinearFitter]]
 
@@ -40,7 +41,18 @@ def grow(trials: Trials, screening: Screening) -> None:
         rest = screen(beam[0][1], trials.candidates, grown[0][0].fit, draws=trials.problem.settings.fit.draws_left)
         is_chance = rest.p_value >= settings.significance and rest.odds < settings.doubtless
         if is_chance or max(rest.gains.values(), default=0.0) < settings.material:
+            _try_richer_friction(trials, *beam[0])
             break
+
+
+def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> None:
+    """Fit what contains dry friction of `model` in its place, too, where there is nothing left that a look tells: it hardly tells one friction from another
+    where a joint sticks, as it goes by the signs of velocities that are noise there."""
+    steps = [trials.step(model.effects, one) for one in trials.candidates if any(effect.rubs and one.contains(effect) for effect in model.effects)]
+    begun = [[*others, start] for others, one in steps for start in one.starts if key([*others, start]) not in trials.known()]
+    drafts = _ordered(trials.refined(fitter, [fitter.at(effects) for effects in begun]))
+    for richer in trials.polished([one.effects for one in drafts[:1] if one.overall < trials.settings.hopeless[1] * model.overall]):
+        trials.add(trials.converged(*richer)[0])
 
 
 def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam:
