@@ -93,7 +93,12 @@ def test_what_is_hung_on_a_link_is_as_large_as_that_link(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("name", "begins"),
-    [("stribeck_friction", {"coulomb": 0.22 / 1.5, "static": 0.44 / 1.5}), ("periodic_friction", {"mean": 0.22, "swing": 0.11}), ("sloped_friction", {"torque": 0.22})],
+    [
+        # On both sides of it.
+        ("stribeck_friction", {"coulomb": 0.22 / 1.5, "static": 0.44 / 1.5}),
+        ("periodic_friction", {"mean": 0.22, "swing": 0.11}),
+        ("sloped_friction", {"torque": 0.22}),
+    ],
 )
 def test_what_contains_an_effect_that_was_fitted_begins_where_that_ended(rig: Rig, name: str, begins: dict[str, float]) -> None:
     """From shares of the joint's torque Stribeck's friction came to a velocity of nothing, and dry friction was taken for all there is."""
