@@ -548,8 +548,8 @@ class Model:
             base.remove(inertial)
         _add_massless(base)
 
-    def tell_free(self) -> None:
-        """Say in the file itself that a floating base is free, and that no links are to be melted into one: by what MuJoCo reads of a URDF file."""
+    def tell_mujoco(self) -> None:
+        """Say in the file, by what MuJoCo reads of a URDF file, that a floating base is free, that no links melt into one, and where meshes are."""
         ET.SubElement(ET.SubElement(self._root, "mujoco"), "compiler", fusestatic="false", strippath="false", discardvisual="true")
         if self.floating:
             base = self._base()

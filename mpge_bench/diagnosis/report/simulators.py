@@ -78,7 +78,7 @@ def _mjcf(rig: Rig, effects: Sequence[Effect], folder: Path) -> Exported:
     # MuJoCo heeds efforts, this simulator and most others do not.
     model.forget_efforts()
     further = _written(rig.chain(effects), model)
-    model.tell_free()
+    model.tell_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(model.text().decode())
         spec.compile()
