@@ -465,13 +465,11 @@ class Model:
 
     def restitution(self, link: str) -> float:
         """Coefficient of restitution of `link`."""
-        given = self._root.find(f"link[@name='{link}']/contact/restitution")
-        return 0.0 if given is None else float(given.get("value", "0"))
+        return self._number(self._root, f"link[@name='{link}']/contact/restitution", "value")
 
     def compliance(self, link: str) -> tuple[float, float] | None:
         """Stiffness, N/m, and damping, N s/m, with which `link` touches; None of one that is hard."""
-        given = [self._root.find(f"link[@name='{link}']/contact/{name}") for name in ("stiffness", "damping")]
-        stiffness, damping = (0.0 if one is None else float(one.get("value", "0")) for one in given)
+        stiffness, damping = (self._number(self._root, f"link[@name='{link}']/contact/{name}", "value") for name in ("stiffness", "damping"))
         return (stiffness, damping) if stiffness else None
 
     def bounces(self) -> bool:

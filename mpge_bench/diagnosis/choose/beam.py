@@ -49,7 +49,8 @@ def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> 
     """Fit what contains dry friction of `model` in its place, too, where there is nothing left that a look tells: it hardly tells one friction from another
     where a joint sticks, as it goes by the signs of velocities that are noise there."""
     steps = [trials.step(model.effects, one) for one in trials.candidates if any(effect.rubs and one.contains(effect) for effect in model.effects)]
-    begun = [[*others, start] for others, one in steps for start in one.starts if key([*others, start]) not in trials.known()]
+    known = trials.known()
+    begun = [[*others, start] for others, one in steps for start in one.starts if key([*others, start]) not in known]
     drafts = _ordered(trials.refined(fitter, [fitter.at(effects) for effects in begun]))
     for richer in trials.polished([one.effects for one in drafts[:1] if one.overall < trials.settings.hopeless[1] * model.overall]):
         trials.add(trials.converged(*richer)[0])

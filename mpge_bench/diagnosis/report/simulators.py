@@ -106,13 +106,13 @@ def _touched(mujoco: Any, spec: Any, model: Model, timestep: float) -> tuple[Eff
 
     As hard as its solver can be at that step. Of two coefficients of friction MuJoCo takes the larger, and ours stand in the links.
     """
-    hard = {"solref": [2 * timestep, 1.0], "condim": 3}
+    hard = [2 * timestep, 1.0]
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.worldbody.add_geom(name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=[0, 0, 0], contype=0, conaffinity=1, **hard)
+    spec.worldbody.add_geom(name=GROUND, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], friction=[0, 0, 0], contype=0, conaffinity=1, solref=hard)
     lost: list[Effect] = []
     for link in model.touching():
         for shape in spec.body(link).geoms:
-            shape.contype, shape.conaffinity, shape.condim, shape.solref = 1, 0, hard["condim"], hard["solref"]
+            shape.contype, shape.conaffinity, shape.solref = 1, 0, hard
             shape.friction = [model.friction(link), 0, 0]
         if model.restitution(link):
             lost.append(Restitution(link, model.restitution(link)))
