@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.score import gain, idle
+from mpge_bench.diagnosis.choose.score import gain, idle, is_doubtless
 from mpge_bench.diagnosis.choose.simplest import needed
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is, drafted
@@ -55,15 +54,9 @@ def _in_place_of_named(trials: Trials, chosen: Model) -> Model:
         for model, end in trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[:1]]):
             law = trials.add(trials.converged(model, end)[0])
             # From recorded states, whose noise is most of the error, less than this is chance.
-            if is_told(law) and _is_doubtless(trials, chosen, law) and trials.no_worse(law, chosen, within=trials.settings.material):
+            if is_told(law) and is_doubtless(trials.problem, chosen, law) and trials.no_worse(law, chosen, within=trials.settings.material):
                 chosen = law
     return chosen
-
-
-def _is_doubtless(trials: Trials, chosen: Model, law: Model) -> bool:
-    """Whether windows leave no doubt that `law` is nearer than `chosen`."""
-    odds = log_odds(chosen.missed_beside(law), law.missed_beside(chosen), trials.problem.settings.fit.pieces)
-    return odds > trials.settings.doubtless + law.parameters - chosen.parameters
 
 
 def _is_slight(trials: Trials, rich: Model) -> bool:

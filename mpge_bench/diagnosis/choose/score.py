@@ -35,7 +35,7 @@ def fallen(before: Array, after: Array) -> tuple[float, float]:
 def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     """Whether `rich` predicts better than `simple`: materially, beyond chance, and validation windows too if they are touched at all.
 
-    Beyond chance is what all windows gain beyond two standard errors, or what few windows say with `log_odds` that leave no doubt. A handful of parameters
+    Beyond chance is what all windows gain beyond two standard errors, or what few windows say that leave no doubt (`is_doubtless`). A handful of parameters
     cannot overfit thousands of rows by a material share, and the validation windows of a few seconds are too few for a test. What seldom happens, as a limit
     that is seldom reached, is judged on the windows where it does.
     """
@@ -52,7 +52,13 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     # Of the few validation windows that are touched a material share is a small one of all.
     if gain(simple, rich, every)[0] <= least or told <= (least if touched > settings.few_touched else 0.0):
         return False
-    return share > errors * error or (near and log_odds(*missed, problem.settings.fit.pieces) > settings.doubtless + rich.parameters - simple.parameters)
+    return share > errors * error or (near and is_doubtless(problem, simple, rich))
+
+
+def is_doubtless(problem: Problem, simple: Model, rich: Model) -> bool:
+    """Whether windows, be they few, leave no doubt that `rich` is nearer than `simple`."""
+    odds = log_odds(simple.missed_beside(rich), rich.missed_beside(simple), problem.settings.fit.pieces)
+    return odds > problem.settings.choose.doubtless + rich.parameters - simple.parameters
 
 
 def means_something(problem: Problem, effect: Effect) -> bool:
