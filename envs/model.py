@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mpge_bench.envs.engine import bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.mjcf import read_mjcf
-from mpge_bench.envs.reading import reading
+from mpge_bench.envs.reading import at_element, reading
 
 Array = npt.NDArray[np.float64]
 
@@ -122,7 +122,8 @@ class Model:
             ET.tostring(self._root)  # what is nested too deeply to be written again is no robot's
         self.armature: dict[str, float] = {}
         self.springs: dict[str, tuple[float, float]] = {}
-        if self._root.tag == "mujoco":
+        self._is_urdf = self._root.tag != "mujoco"
+        if not self._is_urdf:
             mechanism = read_mjcf(path)
             self._root, self.armature, self.springs = ET.fromstring(mechanism.urdf), mechanism.armature, mechanism.springs
         if self._root.tag != "robot":
@@ -596,16 +597,16 @@ class Model:
                     if key in element.attrib and not _are_numbers(element.attrib[key], count):
                         what = "a finite number" if count == 1 else f"{count} finite numbers"
                         raise UserError(
-                            f"{self.path}: not a readable URDF file ({owner.tag} {owner.get('name')!r} has <{element.tag} {key}={element.attrib[key]!r}>;"
-                            f" it takes {what})"
+                            f"{self._at(element)}: not a readable URDF file"
+                            f" ({owner.tag} {owner.get('name')!r} has <{element.tag} {key}={element.attrib[key]!r}>; it takes {what})"
                         )
         for joint in self._root.findall("joint"):
             name, kind = joint.get("name"), joint.get("type")
             ends = [end.get("link") for end in (joint.find("parent"), joint.find("child")) if end is not None]
             if name is None or len(ends) < 2 or not set(ends) <= set(links):
-                raise UserError(f"{self.path}: joint {name!r} needs a name, and a parent and a child among the links")
+                raise UserError(f"{self._at(joint)}: joint {name!r} needs a name, and a parent and a child among the links")
             if kind not in ("revolute", "continuous", "prismatic", "fixed"):
-                raise UserError(f"{self.path}: joint {name!r} is of type {kind}; only revolute, continuous, prismatic and fixed joints can be used")
+                raise UserError(f"{self._at(joint)}: joint {name!r} is of type {kind}; only revolute, continuous, prismatic and fixed joints can be used")
             children.append(ends[1])
         if len(set(links)) != len(links) or len(set(children)) != len(children) or len(set(links) - set(children)) != 1:
             raise UserError(f"{self.path}: links must have different names and hang, each by one joint, on one base link")
@@ -615,7 +616,7 @@ class Model:
         moving = {joint for link in self.links for joint in self.carriers(link)}
         for name in self.joints:
             if name not in moving:
-                raise UserError(f"{self.path}: joint {name!r} carries no mass; give the link it moves an inertial, or make the joint fixed")
+                raise UserError(f"{self._at(self._joint(name))}: joint {name!r} carries no mass; give the link it moves an inertial, or make the joint fixed")
 
     def _make_exact(self) -> None:
         """Rescale axes to length 1, and mend inertias that rounding has made impossible: Bullet takes the ones as they are, and the others for none."""
@@ -626,7 +627,7 @@ class Model:
             vector = _vector(axis, "xyz", "1 0 0")
             length = float(np.linalg.norm(vector))
             if vector.shape != (3,) or not 0 < length < math.inf:
-                raise UserError(f"{self.path}: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; give three numbers that are not all 0")
+                raise UserError(f"{self._at(axis)}: joint {joint.get('name')!r} has the axis {axis.get('xyz')!r}; give three numbers that are not all 0")
             if abs(length - 1) > 1e-12:
                 axis.set("xyz", _said(vector / length))
         for link in self.links:
@@ -635,12 +636,16 @@ class Model:
             beyond = max(most - least - middle, -least)
             if beyond > 0.01 * most:
                 raise UserError(
-                    f"{self.path}: link {link!r} has principal moments of inertia {least:.4g}, {middle:.4g} and {most:.4g} kg m², which no body can have:"
-                    " none is negative and none exceeds the sum of the other two"
+                    f"{self._at(self._inertial(link))}: link {link!r} has principal moments of inertia {least:.4g}, {middle:.4g} and {most:.4g} kg m²,"
+                    " which no body can have: none is negative and none exceeds the sum of the other two"
                 )
             # A point mass has none, which Bullet accepts.
             if most > 0 and beyond > -1e-9 * most:
                 self.set_inertial(link, mass, centre, inertia + (beyond + 1e-8 * most) * np.eye(3))
+
+    def _at(self, element: ET.Element) -> str:
+        """Where `element` stands in the file, for messages before anything is added to it; the file alone where it is MJCF, whose elements are others."""
+        return at_element(self.path, self._root, element) if self._is_urdf else str(self.path)
 
     def _base(self) -> str:
         children = {joint.find("child").attrib["link"] for joint in self._root.findall("joint")}  # type: ignore[union-attr]

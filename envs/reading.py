@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
 
 from yaml import YAMLError
 
@@ -56,6 +58,15 @@ def text_of(path: Path) -> str:
 def at(path: Path, *address: str | int) -> str:
     """The YAML file `path`, which has been read before, and the line on which what has this `address` stands (see `yaml12.line_of`), for messages."""
     return f"{path}, line {yaml12.line_of(text_of(path), *address)}"
+
+
+def at_element(path: Path, root: ET.Element, element: ET.Element) -> str:
+    """The XML file `path`, whose elements are those of `root`, and the line on which `element` stands, for messages."""
+    lines: list[int] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda *_: lines.append(parser.CurrentLineNumber)
+    parser.Parse(path.read_bytes(), True)
+    return f"{path}, line {lines[list(root.iter()).index(element)]}"
 
 
 def json_of(path: Path, what: str, advice: str) -> Any:

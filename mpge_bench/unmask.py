@@ -18,6 +18,7 @@ from mpge_bench.record import random_actions
 #: Between the seeds of the source's sets, further than seeds of one set reach.
 _APART = 10_007
 
+
 def drawn(task: Task, samples: int, noise: float, seed: int, folder: Path = policies.FOLDER) -> tuple[Episodes, Episodes]:
     """`samples` transitions of the target of `task`, by the metered door, and several sets of as many of its source.
 

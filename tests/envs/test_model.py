@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -136,9 +137,41 @@ def test_a_copy_is_a_model_of_its_own() -> None:
     ],
 )
 def test_a_file_that_is_no_mechanism_is_refused(tmp_path: Path, parts: tuple[str, ...], says: str) -> None:
-    with pytest.raises(UserError, match=rf"model\.urdf: .*{says}") as error:
+    with pytest.raises(UserError, match=rf"model\.urdf[:,] .*{says}") as error:
         Model(model_of(tmp_path, *parts))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "line"),
+    [
+        ('mass value="1"', 'mass value="heavy"', 6),
+        ('type="continuous"', 'type="planar"', 9),
+        ('child link="arm"', 'child link="leg"', 9),
+        ('xyz="0 1 0"', 'xyz="0 0 0"', 11),
+        ('ixx="0.1"', 'ixx="9"', 5),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named_with_its_line(tmp_path: Path, written: str, instead: str, line: int) -> None:
+    text = """<?xml version="1.0"?>
+<!-- A comment
+of two lines. --><robot name="one">
+  <link name="base"/>
+  <link name="arm"><inertial>
+    <mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
+  <joint name="hinge" type="continuous">
+    <parent link="base"/><child link="arm"/>
+    <axis xyz="0 1 0"/>
+  </joint>
+</robot>
+"""
+    assert written in text
+    path = tmp_path / "model.urdf"
+    path.write_text(text.replace(written, instead))
+    with pytest.raises(UserError, match=rf"^{re.escape(str(path))}, line {line}: "):
+        Model(path)
 
 
 def hopper() -> Model:

@@ -27,6 +27,8 @@ FORMATS = (".npz", ".parquet")
 #: Positions of joints may change by so many times what their velocities say, or by as small a share: clipped velocities and impacts of the suite's targets
 #: come to .9 to 1.6, the cheetah's transitions taken for the walker's, whose control step is another, to 7, those of the ant and the Minitaur to 5.
 _PACE = 3.0
+#: Lengths of quaternions may be off by so much: noise of 1% of what observations spread by makes a few hundredths, other entries in their place anything.
+_LENGTH = 0.2
 #: Bytes of all arrays of a file together, beyond which it is no file of transitions: a small one may be large when it is unpacked.
 _LARGEST = 512 << 20
 
@@ -120,7 +122,7 @@ def checked(found: Episodes, robot: Robot, where: str) -> Episodes:
             raise UserError(f"{where}: {name}, row {wrong[0][0]}, column {wrong[0][1]} is not finite; leave that transition out")
     if robot.floating:
         length = np.linalg.norm(found.observations[:, 1:5], axis=1)
-        wrong = np.argwhere(np.abs(length - 1) > 0.2)
+        wrong = np.argwhere(np.abs(length - 1) > _LENGTH)
         if len(wrong):
             row = wrong[0][0]
             raise UserError(f"{where}: the quaternion (entries 1 to 4) of row {row} has length {length[row]:.3g}, not 1; are these another robot's?")
