@@ -54,7 +54,7 @@ _DIAGNOSIS = {
 _ENTRIES = {
     "effects": _NAMED,
     "where": {"kind": "text", "name": "text"},
-    "detectable": {"effect": "text", "target": "text", "size": "number?"},
+    "detectable": {"effect": "text", "target": "text", "size": "number?", "told": "number?"},
 }
 
 

@@ -50,13 +50,13 @@ def prepared(
 
 
 def detectable_sizes(out: Path) -> dict[tuple[str, str], float]:
-    """By effect and target, the smallest size that the diagnosis in the folder `out` would have seen.
+    """By effect and target, the smallest size that the diagnosis in the folder `out` would have told by its name; infinite where others always stand in for it.
 
     Raises:
         UserError: if there is no diagnosis.
     """
     listed = diagnosis_in(out)["detectable"]
-    return {(one["effect"], one["target"]): math.inf if one["size"] is None else one["size"] for one in listed}
+    return {(one["effect"], one["target"]): math.inf if one["told"] is None else one["told"] for one in listed}
 
 
 def diagnosed(

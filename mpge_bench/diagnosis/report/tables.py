@@ -191,6 +191,9 @@ def confusions_table(result: DiagnosisResult) -> Table:
 
 
 def detectable_table(result: DiagnosisResult) -> Table:
-    """Smallest sizes that would have shown."""
-    rows = [(title(one.effect), one.target, one.parameter.replace("_", " "), number(one.size, 3), unit_text(one.unit)) for one in result.detectable]
-    return Table(("effect", "at", "parameter", "smallest size", "unit"), (False, False, False, True, False), rows)
+    """Smallest sizes that would have shown, and been told."""
+    rows = []
+    for one in result.detectable:
+        sizes = (number(one.size, 3), "–" if one.told is None else number(one.told, 3))
+        rows.append((title(one.effect), one.target, one.parameter.replace("_", " "), *sizes, unit_text(one.unit)))
+    return Table(("effect", "at", "parameter", "shows from", "told from others from", "unit"), (False, False, False, True, True, False), rows)

@@ -214,6 +214,8 @@ class VerdictSettings:
     confused: float = setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
     sure: float = setting(0.94, "probability", "that what nothing is said to be taken for is there: 198 of 211 effects of concealed cases of two seeds were")
     surely: float = setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
+    stand_ins: int = setting(3, "effects", "that may stand in for one together: of spikes into measured recordings that were called others, two or three did")
+    own: float = setting(0.02, "share of what an effect changes", "that others have to leave for it to be told at any size: simulators differ by as much")
     no_evidence: float = setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
     interval: float = setting(2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 287, as simulators differ by more than steps")
     rivals: int = setting(8, "models", "are listed with their errors")

@@ -1,10 +1,10 @@
-"""Smallest sizes of effects that the search would have taken in, had they been there beside the answer, to first order."""
+"""Smallest sizes of effects that would have shown, and been told by their names, had they been there beside the answer, to first order."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,88 +13,123 @@ from scipy import stats
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
 from mpge_bench.diagnosis.choose.score import weighed
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.verdict.result import Detectable
+from mpge_bench.diagnosis.verdict.stand_ins import StandIns
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import rebuild, sizes_of, values_of
 
 Array = npt.NDArray[np.float64]
-#: Candidate -> of each of its starts, the share that would just be taken in, or infinity.
-Shares = Callable[[Candidate], list[float]]
+
+
+class _Rule(Protocol):
+    """By which models are chosen, here about the answer.
+
+    Attributes:
+        own: orthonormal directions of what the answer's own parameters can make up for, shape (directions, readings).
+    """
+
+    own: Array
+
+    def columns(self, candidate: Candidate) -> Array:
+        """What each start changes beside the answer, shape (starts, readings)."""
+
+    def shares(self, candidate: Candidate, columns: Array, known: Array) -> list[float]:
+        """Of each start, of which `columns` are, the share that would just be taken in, or infinity; what goes along `known` directions is not seen."""
 
 
 def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tuple[Detectable, ...]:
     """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer, by the rule that models are chosen by.
 
-    What the answer's own parameters, or a plainer effect that it contains, could make up for is not seen. None of those for which it is too `late`.
+    What the answer's own parameters, or a plainer effect that it contains, could make up for is not seen; what others could is not told from these. None of
+    those for which it is too `late`.
     """
-    rig, found = choice.problem.rig, []
-    shares = _exported(choice) if choice.is_far else _in_windows(choice)
+    rule: _Rule = _FarRule(choice) if choice.is_far else _NearRule(choice)
+    columns: dict[str, Array] = {}
+    for candidate in choice.candidates:
+        if late():
+            return ()
+        columns[candidate.label] = rule.columns(candidate)
+    stand_ins = StandIns(choice.candidates, columns, rule.own, choice.chosen.key, choice.problem.settings)
+    found = []
     for candidate in choice.candidates:
         if late():
             break
-        name = candidate.measure
-        if not name or candidate.label in choice.chosen.key:
-            continue
-        parameter = candidate.kind.parameters[name]
-        absent = float(rig.absent(candidate.starts[:1])[0])
-        # Of some effects with several parameters a start leaves the first where it is, and says nothing of its size.
-        starts = tuple(start for start in candidate.starts if getattr(start, name) != absent)
-        taken = shares(replace(candidate, starts=starts)) if starts else []
-        sizes = [candidate.amount(rig, start) * share for start, share in zip(starts, taken, strict=True)]
-        sizes = [size for size in sizes if size <= parameter.high - absent]
-        if sizes:
-            unit = parameter.unit_of(slide=rig.is_slide(candidate.target))
-            found.append(Detectable(candidate.name, candidate.target, name, min(sizes), unit))
+        if candidate.measure and candidate.label not in choice.chosen.key:
+            plainer = [columns[one.label] for one in choice.candidates if candidate.contains(one.starts[0])]
+            shares = rule.shares(candidate, columns[candidate.label], _with(rule.own, plainer))
+            own = stand_ins.own_shares(candidate)
+            found += _sized(choice.problem.rig, candidate, shares, np.where(own > choice.problem.settings.verdict.own, own, 0.0))
     return tuple(found)
 
 
-def _in_windows(choice: Choice) -> Shares:
-    """Near the noise: significant among all candidates, material and, where it is slight, so much that the model without it misses `decisive` times as much."""
-    settings, chosen = choice.problem.settings.choose, choice.chosen
-    fitter = choice.problem.fitter(chosen.effects) if chosen.effects else choice.fitter
-    basis = spanned(unit_length(chosen.fit.jacobian.reshape(chosen.fit.size, chosen.fit.residuals.size)))
-    scale = float(np.mean(chosen.fit.residuals**2))
-    beyond = choice.problem.settings.verdict.surely
-    significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
-    material = settings.material if chosen.overall < settings.coarse else settings.coarse_material
-    needed = max(significant, material * float(fitter.count.sum())) * max(scale, 1e-9)
-    left, decisive = chosen.fit.residuals, settings.decisive * fitter.chi_square(chosen.fit.cost)
+def _sized(rig: Rig, candidate: Candidate, shares: Sequence[float], own_shares: Array) -> list[Detectable]:
+    """Its sizes, one entry; none where it would not show within its bounds.
 
-    def shown(share: float, column: Array) -> bool:
-        return float((fitter.nuisances.forgive(share * column, chosen.effects).residuals ** 2).sum()) >= needed
-
-    def decides(share: float, column: Array) -> bool:
-        return fitter.chi_square((fitter.nuisances.forgive(left + share * column, chosen.effects).residuals ** 2).sum(-1)) >= decisive
-
-    def share(start: Effect, column: Array) -> float:
-        power = float((column**2).sum())
-        if power <= 0:
-            return math.inf
-        found = _least(lambda share: shown(share, column), math.sqrt(needed / power))
-        weight, _ = weighed(choice.problem, fitter.predictor, start, choice.problem.rig.joined(chosen.effects, start))
-        heavy = settings.slight / weight if weight > 0 else math.inf
-        return found if found >= heavy else min(heavy, _least(lambda share: decides(share, column), found))
-
-    def flat(candidate: Candidate) -> Array:
-        return fitter.columns(candidate, chosen.effects).reshape(len(candidate.starts), -1)
-
-    def shares(candidate: Candidate) -> list[float]:
-        beside = without(flat(candidate), _with(basis, [flat(one) for one in _plainer(choice, candidate)]))
-        return [share(start, column.reshape(left.shape)) for start, column in zip(candidate.starts, beside, strict=True)]
-
-    return shares
-
-
-def _plainer(choice: Choice, candidate: Candidate) -> list[Candidate]:
-    """Those that `candidate` contains: only what goes beyond these counts."""
-    return [one for one in choice.candidates if candidate.contains(one.starts[0])]
+    Args:
+        shares: of each start that is seen, shape (starts,).
+        own_shares: of what each start changes that nothing stands in for, 0 if that is next to nothing, shape (starts,).
+    """
+    name = candidate.measure
+    parameter, absent = candidate.kind.parameters[name], float(rig.absent(candidate.starts[:1])[0])
+    seen, told = [], []
+    for start, share, own in zip(candidate.starts, shares, own_shares, strict=True):
+        # Of some effects with several parameters a start leaves the first where it is, and says nothing of its size.
+        if getattr(start, name) != absent:
+            seen.append(candidate.amount(rig, start) * share)
+            told.append(seen[-1] / own if own else math.inf)
+    room = parameter.high - absent
+    if not seen or not min(seen) <= room or math.isinf(min(seen)):
+        return []
+    unit = parameter.unit_of(slide=rig.is_slide(candidate.target))
+    return [Detectable(candidate.name, candidate.target, name, min(seen), unit, min(told) if min(told) <= room and math.isfinite(min(told)) else None)]
 
 
 def _with(basis: Array, columns: Sequence[Array]) -> Array:
     """Orthonormal directions of what `basis` and `columns`, each of shape (columns, readings), span."""
     return spanned(unit_length(np.concatenate((basis, *columns)))) if columns else basis
+
+
+class _NearRule:
+    """Near the noise: significant among all candidates, material and, where it is slight, so much that the model without it misses `decisive` times as much."""
+
+    def __init__(self, choice: Choice) -> None:
+        settings, chosen = choice.problem.settings.choose, choice.chosen
+        fitter = choice.problem.fitter(chosen.effects) if chosen.effects else choice.fitter
+        self.own = spanned(unit_length(chosen.fit.jacobian.reshape(chosen.fit.size, chosen.fit.residuals.size)))
+        scale, beyond = float(np.mean(chosen.fit.residuals**2)), choice.problem.settings.verdict.surely
+        significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
+        material = settings.material if chosen.overall < settings.coarse else settings.coarse_material
+        self._needed = max(significant, material * float(fitter.count.sum())) * max(scale, 1e-9)
+        self._decisive = settings.decisive * fitter.chi_square(chosen.fit.cost)
+        self._problem, self._effects, self._fitter, self._left = choice.problem, chosen.effects, fitter, chosen.fit.residuals
+
+    def columns(self, candidate: Candidate) -> Array:
+        return self._fitter.columns(candidate, self._effects).reshape(len(candidate.starts), -1)
+
+    def shares(self, candidate: Candidate, columns: Array, known: Array) -> list[float]:
+        beside = without(columns, known)
+        return [self._share(start, column.reshape(self._left.shape)) for start, column in zip(candidate.starts, beside, strict=True)]
+
+    def _share(self, start: Effect, column: Array) -> float:
+        power = float((column**2).sum())
+        if power <= 0:
+            return math.inf
+        found = _least(lambda share: self._shows(share * column), math.sqrt(self._needed / power))
+        weight, _ = weighed(self._problem, self._fitter.predictor, start, self._problem.rig.joined(self._effects, start))
+        heavy = self._problem.settings.choose.slight / weight if weight > 0 else math.inf
+        return found if found >= heavy else min(heavy, _least(lambda share: self._decides(share * column), found))
+
+    def _shows(self, change: Array) -> bool:
+        return float((self._forgiven(change) ** 2).sum()) >= self._needed
+
+    def _decides(self, change: Array) -> bool:
+        return self._fitter.chi_square((self._forgiven(self._left + change) ** 2).sum(-1)) >= self._decisive
+
+    def _forgiven(self, change: Array) -> Array:
+        return self._fitter.nuisances.forgive(change, self._effects).residuals
 
 
 def _least(enough: Callable[[float], bool], low: float) -> float:
@@ -108,37 +143,41 @@ def _least(enough: Callable[[float], bool], low: float) -> float:
     return high
 
 
-def _exported(choice: Choice) -> Shares:
+class _FarRule:
     """Far from the noise: so much that all recordings are predicted by `coarse_material` better with the effect than without, from recorded states.
 
     Whichever sign it has: what is missed anyway may look like it, or like its opposite.
     """
-    problem, effects = choice.problem, choice.chosen.effects
-    missed, settings = ExportedMisses(problem, problem.recordings).in_a_row, problem.settings
-    at = missed(effects)
-    if at is None:
-        return lambda candidate: [math.inf] * len(candidate.starts)
-    values, steps = values_of(effects), settings.replay.difference * sizes_of(effects)
-    moved = [missed(rebuild(effects, values + step)) for step in np.diag(steps)]
-    own = np.reshape([one - at for one in moved if one is not None], (-1, len(at)))
-    basis, worse = spanned(unit_length(own)), 1 / (1 - settings.choose.coarse_material) - 1
 
-    def changed(effect: Effect) -> Array:
-        added = missed(problem.rig.joined(effects, effect))
-        return np.zeros_like(at) if added is None else added - at
+    def __init__(self, choice: Choice) -> None:
+        self._problem, self._effects = choice.problem, choice.chosen.effects
+        self._missed = ExportedMisses(self._problem, self._problem.recordings).in_a_row
+        missed = self._missed(self._effects)
+        self._at: Array = np.zeros(0) if missed is None else missed
+        self._worse = 1 / (1 - self._problem.settings.choose.coarse_material) - 1
+        values, steps = values_of(self._effects), self._problem.settings.replay.difference * sizes_of(self._effects)
+        self.own = _with(np.zeros((0, len(self._at))), [self._change(rebuild(self._effects, values + step))[None] for step in np.diag(steps)])
 
-    def share(candidate: Candidate, start: Effect, first: float, known: Array) -> float:
-        column = without(changed(candidate.part(problem.rig, start, first)), known)
-        power, along = float(column @ column), abs(float(column @ at))
-        return first * (along + math.sqrt(along**2 + worse * float(at @ at) * power)) / power if power > 0 else math.inf
+    def columns(self, candidate: Candidate) -> Array:
+        return np.array([self._change(self._problem.rig.joined(self._effects, start)) for start in candidate.starts])
 
-    def shares(candidate: Candidate) -> list[float]:
-        known = _with(basis, [np.array([changed(start) for start in one.starts]) for one in _plainer(choice, candidate)])
-        found = [share(candidate, start, 1.0, known) for start in candidate.starts]
-        amounts = [candidate.amount(problem.rig, start) * one for start, one in zip(candidate.starts, found, strict=True)]
+    def shares(self, candidate: Candidate, columns: Array, known: Array) -> list[float]:
+        found = [self._share(column, known) for column in columns]
+        amounts = [candidate.amount(self._problem.rig, start) * one for start, one in zip(candidate.starts, found, strict=True)]
         best = int(np.argmin(amounts))
+        if not math.isfinite(found[best]):
+            return found
         # A second look about what the first one says: what a late or a blocked motor changes is not in proportion.
-        again = share(candidate, candidate.starts[best], found[best], known) if math.isfinite(found[best]) else math.inf
+        part = candidate.part(self._problem.rig, candidate.starts[best], found[best])
+        again = found[best] * self._share(self._change(self._problem.rig.joined(self._effects, part)), known)
         return [again if index == best else math.inf for index in range(len(found))]
 
-    return shares
+    def _change(self, effects: Sequence[Effect]) -> Array:
+        """What `effects` instead of the answer change, shape (readings,); nothing where either simulation is unstable."""
+        missed = self._missed(effects)
+        return np.zeros_like(self._at) if missed is None or not len(self._at) else missed - self._at
+
+    def _share(self, column: Array, known: Array) -> float:
+        beside = without(column, known)
+        power, along = float(beside @ beside), abs(float(beside @ self._at))
+        return (along + math.sqrt(along**2 + self._worse * float(self._at @ self._at) * power)) / power if power > 0 else math.inf

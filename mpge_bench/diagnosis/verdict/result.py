@@ -127,13 +127,19 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Detectable:
-    """Smallest size of an effect that these recordings would have shown."""
+    """Smallest size of an effect that these recordings would have shown.
+
+    Attributes:
+        size: from which on something would have been found, in `unit`.
+        told: from which on it would have been this effect, not others in its place; None where these can always stand in for it.
+    """
 
     effect: str
     target: str
     parameter: str
     size: float
     unit: str
+    told: float | None = None
 
 
 @dataclass(frozen=True)
