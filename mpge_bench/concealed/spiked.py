@@ -50,7 +50,7 @@ def prepared(
 
 
 def detectable_sizes(out: Path) -> dict[tuple[str, str], float]:
-    """By effect and target, the smallest size that the diagnosis in the folder `out` would have told by its name; infinite where others always stand in for it.
+    """By effect and target, the smallest size that the diagnosis in `out` would have told by its name; infinite where another always stands in for it.
 
     Raises:
         UserError: if there is no diagnosis.

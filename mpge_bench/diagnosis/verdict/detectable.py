@@ -43,7 +43,7 @@ class _Rule(Protocol):
 def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tuple[Detectable, ...]:
     """Size, beyond what the rig itself says, at which each effect would have been reported beside the answer, by the rule that models are chosen by.
 
-    What the answer's own parameters, or a plainer effect that it contains, could make up for is not seen; what others could is not told from these. None of
+    What the answer's own parameters, or a plainer effect that it contains, could make up for is not seen; what another could is not told from it. None of
     those for which it is too `late`.
     """
     rule: _Rule = _FarRule(choice) if choice.is_far else _NearRule(choice)
@@ -52,7 +52,7 @@ def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tupl
         if late():
             return ()
         columns[candidate.label] = rule.columns(candidate)
-    stand_ins = StandIns(choice.candidates, columns, rule.own, choice.chosen.key, choice.problem.settings)
+    stand_ins = StandIns(choice.candidates, columns, rule.own, choice.chosen.key, choice.problem.settings.choose)
     found = []
     for candidate in choice.candidates:
         if late():

@@ -131,7 +131,7 @@ class Detectable:
 
     Attributes:
         size: from which on something would have been found, in `unit`.
-        told: from which on it would have been this effect, not others in its place; None where these can always stand in for it.
+        told: from which on it would have been this effect, not another in its place; None where one can always stand in for it.
     """
 
     effect: str

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -27,11 +25,10 @@ NOTHING = np.zeros((0, 4))
 
 
 def own_share(
-    candidate: Candidate, columns: dict[Candidate, list[np.ndarray]], *, own: np.ndarray = NOTHING, answer: tuple[str, ...] = (), most: int = 3
+    candidate: Candidate, columns: dict[Candidate, list[np.ndarray]], *, own: np.ndarray = NOTHING, answer: tuple[str, ...] = ()
 ) -> float:
-    settings = replace(DEFAULT, verdict=replace(DEFAULT.verdict, stand_ins=most))
     named = {one.label: np.array(values) for one, values in columns.items()}
-    return float(StandIns(list(columns), named, own, answer, settings).own_shares(candidate)[0])
+    return float(StandIns(list(columns), named, own, answer, DEFAULT.choose).own_shares(candidate)[0])
 
 
 def test_of_what_nothing_else_changes_all_is_its_own() -> None:
@@ -43,20 +40,21 @@ def test_others_make_up_for_what_they_can_however_large_they_have_to_be() -> Non
     assert own_share(OFFSET, columns) == pytest.approx(0.8)
 
 
-def test_as_many_stand_in_together_as_settings_say() -> None:
-    columns = {OFFSET: [FIRST + SECOND + THIRD + FOURTH], SPRING: [FIRST], BIAS: [SECOND], VISCOUS: [THIRD]}
-    assert [own_share(OFFSET, columns, most=most) for most in (0, 1, 2, 3)] == pytest.approx([1, np.sqrt(3) / 2, np.sqrt(2) / 2, 0.5])
+def test_the_best_other_counts() -> None:
+    columns = {OFFSET: [3 * FIRST + 4 * SECOND + 12 * THIRD], SPRING: [FIRST], BIAS: [THIRD], VISCOUS: [SECOND]}
+    assert own_share(OFFSET, columns) == pytest.approx(5 / 13)
 
 
 def test_there_is_no_less_of_a_friction_than_none() -> None:
-    columns = {OFFSET: [FIRST + SECOND], DRY: [-FIRST], BIAS: [-SECOND]}
-    assert own_share(OFFSET, columns) == pytest.approx(np.sqrt(0.5))
+    columns = {OFFSET: [FIRST + SECOND], DRY: [-FIRST], SPRING: [-SECOND]}
+    assert own_share(OFFSET, columns) == pytest.approx(1)
+    assert own_share(OFFSET, {**columns, BIAS: [-SECOND]}) == pytest.approx(np.sqrt(0.5))
 
 
 def test_of_what_is_late_each_start_stands_by_itself() -> None:
     """What it changes is not in proportion to how late it is: two of them are no third."""
     columns = {OFFSET: [FIRST + SECOND], LATE: [FIRST, SECOND]}
-    assert own_share(OFFSET, columns, most=1) == pytest.approx(np.sqrt(0.5))
+    assert own_share(OFFSET, columns) == pytest.approx(np.sqrt(0.5))
 
 
 def test_the_answer_s_own_effects_and_parameters_take_no_part() -> None:
