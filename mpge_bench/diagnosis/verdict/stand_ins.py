@@ -38,7 +38,7 @@ class StandIns:
         self._rows = {one.label: np.arange(*ends[index : index + 2]) for index, one in enumerate(candidates)}
 
     def own_shares(self, candidate: Candidate) -> Array:
-        """Of what each start of `candidate` changes beyond plainer effects that it contains, the share of length that the best other leaves, shape (starts,)."""
+        """Share of what each start of `candidate` changes, by length and beyond plainer forms of it, that the best other leaves, shape (starts,)."""
         plainer = [one for one in self._candidates if candidate.contains(one.starts[0])]
         points = self._beyond(plainer)
         known = {candidate.label, *self._answer, *(one.label for one in plainer)}
