@@ -114,7 +114,7 @@ def test_an_effect_is_searched_for_said_and_exported_by_its_class_alone(magnet: 
     found = options[0].starts[0]
     bounds = {"pull": [(0.1, 0.3)]}
     assert found.say(bounds) == "A magnet pulls the shoulder to its middle with 0.2 N m/rad (0.1 to 0.3)."
-    (said,) = found_effects(rig, [(found, bounds)], [], 0.9, {})
+    (said,) = found_effects(rig, [(found, bounds)], [], {}, {})
     assert (said.effect, said.target, said.parameters["pull"].value) == ("magnet", "shoulder", 0.2)
     corrected = tmp_path / "corrected.yaml"
     corrected.write_text(yaml.safe_dump(rig.corrected([found], str(rig.model.path.resolve()))))

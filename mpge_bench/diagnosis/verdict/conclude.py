@@ -41,7 +41,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     more = more_data(choice) if verdict == "too_little_data" else None
     fit, trajectories = accuracy(choice, after, parts.unseen)
     others = rivals(choice, error)
-    alike, confidence = confusions(choice)
+    alike, confidences = confusions(choice)
     joints = joint_evidence(problem, after, corrected=bool(chosen.effects))
     where = places(problem.rig, joints, chosen.effects, settings.verdict)
     named, lost = intervals(chosen), untold(chosen)
@@ -52,7 +52,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         verdict,
         choice.test.p_value,
         where if mismatch else (),
-        found_effects(problem.rig, named, curves, confidence, drifts),
+        found_effects(problem.rig, named, curves, confidences, drifts),
         others,
         alike,
         fit,

@@ -35,22 +35,24 @@ def rivals(choice: Choice, error_of: ExportedError) -> tuple[Rival, ...]:
     return tuple(result)
 
 
-def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], float | None]:
-    """Models that would be taken for the chosen one, and the chance that none was; None where that is not known: far from the noise, or of all joints at once.
+def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], dict[tuple[str, str], float]]:
+    """Models that would be taken for the chosen one, and by its effects' names and targets the chance that each is there.
 
-    Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood
-    ratio data of one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike. What nothing is said to be
-    taken for is not always there either, as concealed cases tell.
+    None of the latter far from the noise, or of all joints at once. Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood
+    ratio data of one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike. An effect is in doubt by
+    those alone that have others in its place. What nothing is said to be taken for is not always there either, as concealed cases tell.
     """
     settings, chosen = choice.problem.settings.verdict, choice.chosen
-    odds, found = 0.0, []
+    found = []
+    odds = {(effect.name, effect.target): 0.0 for effect in chosen.effects}
     for twin in choice.twins:
         chance = mistaken(twin)
         if chance >= settings.confused:
             found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
-        odds += chance / (1 - chance)
+        for effect in twin.replaced:
+            odds[effect.name, effect.target] += chance / (1 - chance)
     is_known = not choice.is_far and choice.problem.settings.choose.are_few(chosen.effects)
-    return tuple(found), round(settings.sure / (1 + odds), 3) if is_known else None
+    return tuple(found), {which: round(settings.sure / (1 + against), 3) for which, against in odds.items()} if is_known else {}
 
 
 def mistaken(twin: Twin) -> float:

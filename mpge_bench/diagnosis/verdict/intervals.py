@@ -53,18 +53,24 @@ def untold(model: Model) -> tuple[tuple[str, ...], ...]:
 
 
 def found_effects(
-    rig: Rig, named: Sequence[tuple[Effect, Intervals]], curves: Sequence[UnknownTorque], confidence: float | None, drifts: Mapping[tuple[str, str], str]
+    rig: Rig,
+    named: Sequence[tuple[Effect, Intervals]],
+    curves: Sequence[UnknownTorque],
+    confidences: Mapping[tuple[str, str], float],
+    drifts: Mapping[tuple[str, str], str],
 ) -> tuple[FoundEffect, ...]:
     """What is reported of the chosen model: first what has a name; a nameless curve is taken for nothing, and nobody can be sure of it.
 
     Args:
+        confidences: chances that they are there, by the effect's name and target, where they are known.
         drifts: parameters over time, as formulas, by the effect's name and target.
     """
     found = []
     for effect, bounds in named:
-        formula = drifts.get((effect.name, effect.target), effect.formula)
+        which = effect.name, effect.target
+        formula = drifts.get(which, effect.formula)
         other = effect.other if isinstance(effect, Coupling) else ""
-        found.append(FoundEffect(effect.name, effect.target, confidence, _estimates(rig, effect, bounds), formula=formula, other=other))
+        found.append(FoundEffect(*which, confidences.get(which), _estimates(rig, effect, bounds), formula=formula, other=other))
     for curve in curves:
         signal = curve.unit_of_signal(slide=rig.is_slide(curve.target))
         parameters = {"at": Estimate(curve.at, signal), "torque": Estimate(curve.torque, rig.units(curve.target).force)}

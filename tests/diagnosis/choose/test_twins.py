@@ -23,7 +23,21 @@ from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
-from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Delay, Gravity, InertiaScale, Lag, MassScale, Payload, SensorBias, SensorDelay, TorqueGain
+from mpge_bench.envs.effects import (
+    Armature,
+    ComOffset,
+    DeadZone,
+    Delay,
+    Gravity,
+    InertiaScale,
+    Lag,
+    MassScale,
+    Payload,
+    SensorBias,
+    SensorDelay,
+    TorqueBias,
+    TorqueGain,
+)
 
 from ..conftest import Made, posed, record, searching, write_case
 
@@ -88,16 +102,26 @@ def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Ca
     near = {one.effects[-1].name for one in found if one.distance < 3.3}
     assert "armature" in near
     assert not near & {"torque_gain", "delay", "coulomb_friction", "sensor_delay"}
-    alike, confidence = confusions(SimpleNamespace(problem=problem, chosen=chosen, twins=found, is_far=False))  # type: ignore[arg-type]
+    alike, confidences = confusions(SimpleNamespace(problem=problem, chosen=chosen, twins=found, is_far=False))  # type: ignore[arg-type]
     assert ("inertia_scale:arm", "armature:hinge") in [one.models for one in alike]
-    assert confidence is not None
-    assert confidence <= 0.5
+    assert confidences["inertia_scale", "arm"] <= 0.5
     # Nor is anything sure that nothing is taken for: of such effects of concealed cases 94% were there. Far from the noise, or of all joints, nobody knows.
     plain = SimpleNamespace(problem=problem, chosen=chosen, twins=(), is_far=False)
-    assert confusions(plain)[1] == DEFAULT.verdict.sure  # type: ignore[arg-type]
-    assert confusions(SimpleNamespace(**{**vars(plain), "is_far": True}))[1] is None  # type: ignore[arg-type]
+    assert confusions(plain)[1] == {("inertia_scale", "arm"): DEFAULT.verdict.sure}  # type: ignore[arg-type]
+    assert confusions(SimpleNamespace(**{**vars(plain), "is_far": True}))[1] == {}  # type: ignore[arg-type]
     many = replace(chosen, fit=replace(fit, effects=tuple(fit.effects) * (DEFAULT.choose.most + 1)))
-    assert confusions(SimpleNamespace(**{**vars(plain), "chosen": many}))[1] is None  # type: ignore[arg-type]
+    assert confusions(SimpleNamespace(**{**vars(plain), "chosen": many}))[1] == {}  # type: ignore[arg-type]
+
+
+def test_an_effect_is_in_doubt_by_those_alone_that_take_its_place() -> None:
+    """A motor's bias beside a link's inertia is as sure as it is by itself, though a rotor may stand for the inertia."""
+    bias, inertia, rotor = TorqueBias("hinge", 0.1), InertiaScale("arm", 1.5), Armature("hinge", 0.03)
+    chosen: Any = SimpleNamespace(effects=(bias, inertia), key=key((bias, inertia)))
+    rival = Twin((bias, rotor), (inertia,), 0.0, 100.0)
+    choice: Any = SimpleNamespace(problem=SimpleNamespace(settings=DEFAULT), chosen=chosen, twins=(rival, rival), is_far=False)
+    _, confidences = confusions(choice)
+    sure = DEFAULT.verdict.sure
+    assert confidences == {("torque_bias", "hinge"): sure, ("inertia_scale", "arm"): pytest.approx(sure / 3, abs=1e-3)}
 
 
 def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Made], monkeypatch: pytest.MonkeyPatch) -> None:

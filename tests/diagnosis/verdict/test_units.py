@@ -38,7 +38,7 @@ def sliding(tmp_path: Path) -> Rig:
 def test_units_go_by_the_joint(sliding: Rig, kind: type[Effect], name: str, at_hinge: str, at_slide: str) -> None:
     for joint, unit in (("shoulder", at_slide), ("elbow", at_hinge)):
         effect, bounds = kind(joint, 0.2), {name: [(0.1, 0.3)]}
-        (found,) = found_effects(sliding, [(effect, bounds)], [], 0.9, {})
+        (found,) = found_effects(sliding, [(effect, bounds)], [], {}, {})
         assert found.parameters[name].unit == unit
         assert f"0.2 {unit} (" in effect.say(bounds, slide=sliding.is_slide(joint))
 
