@@ -38,9 +38,11 @@ def rivals(choice: Choice, error_of: ExportedError) -> tuple[Rival, ...]:
 def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], dict[tuple[str, str], float]]:
     """Models that would be taken for the chosen one, and by its effects' names and targets the chance that each is there.
 
-    None of the latter far from the noise, or of all joints at once. Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood
-    ratio data of one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike. An effect is in doubt by
-    those alone that have others in its place. What nothing is said to be taken for is not always there either, as concealed cases tell.
+    None of the latter far from the noise, or of all joints at once.
+
+    Put into the simulator with the same commands and noise, two models' predictions lie D standard deviations of the noise apart; by a likelihood ratio data of
+    one are then taken for the other with probability Phi(-D / 2). Its odds add up over models: equals share alike. An effect is in doubt by those alone that
+    have others in its place. What nothing is said to be taken for is not always there either, as concealed cases tell.
     """
     settings, chosen = choice.problem.settings.verdict, choice.chosen
     found = []
