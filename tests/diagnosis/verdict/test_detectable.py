@@ -113,6 +113,23 @@ def test_an_effect_whose_first_component_is_not_there_has_a_size_all_the_same(tm
         assert min(sizes.values()) > 0
 
 
+@pytest.mark.parametrize("is_far", [False, True], ids=["near", "far"])
+def test_what_another_does_as_well_is_told_from_it_at_no_size(tmp_path: Path, is_far: bool) -> None:
+    """Of a pendulum a rotor is named in the place of the link's inertia; a motor's bias is its own, if more of it than shows at all."""
+    posed, options, left = looked_at(tmp_path, [LEFT] if is_far else [])
+    asked: Any = SimpleNamespace(problem=posed, candidates=options, fitter=left.fitter, chosen=left.nominal, is_far=is_far)
+    sizes = {one.effect: one for one in detectable(asked)}
+    assert sizes["inertia_scale"].told is None
+    for name in ("torque_bias", "armature", "viscous_friction"):
+        told = sizes[name].told
+        assert told is not None, name
+        assert sizes[name].size <= told * (1 + 1e-9) < 20 * sizes[name].size, name
+    # With nothing in its way it is told as soon as it shows.
+    alone: Any = SimpleNamespace(**{**vars(asked), "candidates": [one for one in options if one.name == "armature"]})
+    (rotor,) = detectable(alone)
+    assert rotor.told == pytest.approx(rotor.size)
+
+
 def test_a_start_that_leaves_the_first_parameter_where_it_is_says_nothing_of_its_size(rig: Rig) -> None:
     """Of a joint that sits elsewhere x alone is asked for: by its starts along y and z any shift could be told, even none."""
     asked = posed(rig, seconds=2.0, noise=1e-4)
