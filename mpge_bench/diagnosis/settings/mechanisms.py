@@ -215,6 +215,8 @@ class VerdictSettings:
     sure: float = setting(0.94, "probability", "that what nothing is said to be taken for is there: 198 of 211 effects of concealed cases of two seeds were")
     surely: float = setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
     own: float = setting(0.02, "share of what an effect changes", "that any other has to leave for it to be told at some size: simulators differ by as much")
+    small: float = setting(0.1, "share of where searches begin", "by which what an effect changes far from the noise is told: larger ones are no derivatives")
+    in_proportion: float = setting(0.6, "cosine", "of what a size changes with what a small one does, below which nothing of first order holds")
     no_evidence: float = setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")
     interval: float = setting(2.6, "standard errors", "that a 95% interval reaches either way: 1.96 held 88% of 287, as simulators differ by more than steps")
     rivals: int = setting(8, "models", "are listed with their errors")

@@ -13,13 +13,12 @@ from scipy import stats
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
 from mpge_bench.diagnosis.choose.score import weighed
-from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.verdict.result import Detectable
 from mpge_bench.diagnosis.verdict.stand_ins import StandIns
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import rebuild, sizes_of, values_of
+from mpge_bench.envs.effects.vector import limits_of, parameters_of, rebuild, sizes_of, values_of, with_parameters
 
 Array = npt.NDArray[np.float64]
 
@@ -38,6 +37,9 @@ class _Rule(Protocol):
 
     def shares(self, candidate: Candidate, columns: Array, known: Array) -> list[float]:
         """Of each start, of which `columns` are, the share that would just be taken in, or infinity; what goes along `known` directions is not seen."""
+
+    def in_proportion(self, start: Effect, share: float, column: Array, known: Array) -> bool:
+        """Whether a share of a start changes about as much as its `column` says, so that what holds to first order holds of it."""
 
 
 def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tuple[Detectable, ...]:
@@ -59,32 +61,40 @@ def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tupl
             break
         if candidate.measure and candidate.label not in choice.chosen.key:
             plainer = [columns[one.label] for one in choice.candidates if candidate.contains(one.starts[0])]
-            shares = rule.shares(candidate, columns[candidate.label], _with(rule.own, plainer))
-            own = stand_ins.own_shares(candidate)
-            found += _sized(choice.problem.rig, candidate, shares, np.where(own > choice.problem.settings.verdict.own, own, 0.0))
+            found += _sized(choice, candidate, rule, columns[candidate.label], _with(rule.own, plainer), stand_ins.own_shares(candidate))
     return tuple(found)
 
 
-def _sized(rig: Rig, candidate: Candidate, shares: Sequence[float], own_shares: Array) -> list[Detectable]:
+def _sized(choice: Choice, candidate: Candidate, rule: _Rule, columns: Array, known: Array, own_shares: Array) -> list[Detectable]:
     """Its sizes, one entry; none where it would not show within its bounds.
 
     Args:
-        shares: of each start that is seen, shape (starts,).
-        own_shares: of what each start changes that nothing stands in for, 0 if that is next to nothing, shape (starts,).
+        columns: of its starts, shape (starts, readings).
+        known: orthonormal directions of what is not seen as its own.
+        own_shares: of what each start changes, what no other makes up for, shape (starts,).
     """
-    name = candidate.measure
+    rig, name = choice.problem.rig, candidate.measure
     parameter, absent = candidate.kind.parameters[name], float(rig.absent(candidate.starts[:1])[0])
-    seen, told = [], []
-    for start, share, own in zip(candidate.starts, shares, own_shares, strict=True):
-        # Of some effects with several parameters a start leaves the first where it is, and says nothing of its size.
-        if getattr(start, name) != absent:
-            seen.append(candidate.amount(rig, start) * share)
-            told.append(seen[-1] / own if own else math.inf)
+    shares = np.array(rule.shares(candidate, columns, known))
+    with np.errstate(divide="ignore"):
+        told_shares = np.where(own_shares > choice.problem.settings.verdict.own, shares / own_shares, math.inf)
+    # Of some effects with several parameters a start leaves the first where it is, and says nothing of its size.
+    amounts = np.array([candidate.amount(rig, start) if getattr(start, name) != absent else math.inf for start in candidate.starts])
     room = parameter.high - absent
-    if not seen or not min(seen) <= room or math.isinf(min(seen)):
+    seen = _within(amounts * shares, room)
+    if not len(seen):
         return []
-    unit = parameter.unit_of(slide=rig.is_slide(candidate.target))
-    return [Detectable(candidate.name, candidate.target, name, min(seen), unit, min(told) if min(told) <= room and math.isfinite(min(told)) else None)]
+    told = _within(amounts * told_shares, room)
+    sure = (index for index in told if rule.in_proportion(candidate.starts[index], float(told_shares[index]), columns[index], known))
+    first, unit = next(sure, None), parameter.unit_of(slide=rig.is_slide(candidate.target))
+    size = float(amounts[seen[0]] * shares[seen[0]])
+    return [Detectable(candidate.name, candidate.target, name, size, unit, None if first is None else float(amounts[first] * told_shares[first]))]
+
+
+def _within(sizes: Array, room: float) -> npt.NDArray[np.int64]:
+    """Indices of the finite `sizes` up to `room`, the smallest first."""
+    order = np.argsort(sizes, kind="stable")
+    return order[np.isfinite(sizes[order]) & (sizes[order] <= room)]
 
 
 def _with(basis: Array, columns: Sequence[Array]) -> Array:
@@ -112,6 +122,10 @@ class _NearRule:
     def shares(self, candidate: Candidate, columns: Array, known: Array) -> list[float]:
         beside = without(columns, known)
         return [self._share(start, column.reshape(self._left.shape)) for start, column in zip(candidate.starts, beside, strict=True)]
+
+    def in_proportion(self, start: Effect, share: float, column: Array, known: Array) -> bool:
+        """The linearised simulator answers to shares in proportion, or its starts stand for those near them."""
+        return True
 
     def _share(self, start: Effect, column: Array) -> float:
         power = float((column**2).sum())
@@ -159,7 +173,11 @@ class _FarRule:
         self.own = _with(np.zeros((0, len(self._at))), [self._change(rebuild(self._effects, values + step))[None] for step in np.diag(steps)])
 
     def columns(self, candidate: Candidate) -> Array:
-        return np.array([self._change(self._problem.rig.joined(self._effects, start)) for start in candidate.starts])
+        """Of what is in proportion to its parameters by a small part of each start: what all of it changes goes beyond what the answer makes up for anyway."""
+        if candidate.kind.is_bent():
+            return np.array([self._change(self._problem.rig.joined(self._effects, start)) for start in candidate.starts])
+        small = self._problem.settings.verdict.small
+        return np.array([self._changed_by(start, small) / small for start in candidate.starts])
 
     def shares(self, candidate: Candidate, columns: Array, known: Array) -> list[float]:
         found = [self._share(column, known) for column in columns]
@@ -168,9 +186,20 @@ class _FarRule:
         if not math.isfinite(found[best]):
             return found
         # A second look about what the first one says: what a late or a blocked motor changes is not in proportion.
-        part = candidate.part(self._problem.rig, candidate.starts[best], found[best])
-        again = found[best] * self._share(self._change(self._problem.rig.joined(self._effects, part)), known)
+        again = found[best] * self._share(self._changed_by(candidate.starts[best], found[best]), known)
         return [again if index == best else math.inf for index in range(len(found))]
+
+    def in_proportion(self, start: Effect, share: float, column: Array, known: Array) -> bool:
+        changed, said = without(self._changed_by(start, share), known), without(column, known)
+        lengths = float(np.linalg.norm(changed) * np.linalg.norm(said))
+        return float(changed @ said) >= self._problem.settings.verdict.in_proportion * lengths > 0
+
+    def _changed_by(self, start: Effect, share: float) -> Array:
+        """What a `share` of a start, within bounds, changes beside the answer: of its first parameter or, where that is as it was, of the others."""
+        absent, values, (low, high) = self._problem.rig.absent((start,)), np.array(parameters_of(start)), limits_of((start,))
+        moved = np.arange(len(values)) == 0 if values[0] != absent[0] else np.isfinite(absent)
+        values[moved] = (absent + share * (values - absent))[moved]
+        return self._change(self._problem.rig.joined(self._effects, with_parameters(start, np.clip(values, low, high).tolist())))
 
     def _change(self, effects: Sequence[Effect]) -> Array:
         """What `effects` instead of the answer change, shape (readings,); nothing where either simulation is unstable."""
