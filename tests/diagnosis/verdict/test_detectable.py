@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.diagnosis.verdict.detectable import detectable
+from mpge_bench.diagnosis.verdict.detectable import _FarRule, detectable
 from mpge_bench.envs.effects import CATALOGUE, Effect, UnknownTorque
 
 from ..conftest import posed, write_case
@@ -128,6 +128,23 @@ def test_what_another_does_as_well_is_told_from_it_at_no_size(tmp_path: Path, is
     alone: Any = SimpleNamespace(**{**vars(asked), "candidates": [one for one in options if one.name == "armature"]})
     (rotor,) = detectable(alone)
     assert rotor.told == pytest.approx(rotor.size)
+
+
+def test_nothing_is_said_to_be_told_where_sizes_are_not_in_proportion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a measured servo a link of twice the mass was said to be told; with all motors weaker by half the motion is the same, which small masses show."""
+    posed, options, left = looked_at(tmp_path, [LEFT])
+    asked: Any = SimpleNamespace(problem=posed, candidates=options, fitter=left.fitter, chosen=left.nominal, is_far=True)
+    assert {one.effect for one in detectable(asked) if one.told is not None} >= {"joint_spring", "torque_bias"}
+    rule = _FarRule(asked)
+    (spring,) = [one for one in options if one.name == "joint_spring"]
+    start = next(one for one in spring.starts if one.rest == 0)  # type: ignore[attr-defined]
+    (column,) = rule.columns(replace(spring, starts=(start,)))
+    assert rule.in_proportion(start, 0.2, column, rule.own)
+    # So stiff a spring makes another motion of it.
+    assert not rule.in_proportion(start, 300.0, column, rule.own)
+    assert not rule.in_proportion(start, 0.2, -column, rule.own)
+    monkeypatch.setattr(_FarRule, "in_proportion", lambda *_: False)
+    assert {one.told for one in detectable(asked)} == {None}
 
 
 def test_a_start_that_leaves_the_first_parameter_where_it_is_says_nothing_of_its_size(rig: Rig) -> None:
