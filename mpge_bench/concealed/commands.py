@@ -112,7 +112,7 @@ def spike(
     rig: Annotated[Path, typer.Option(help="rig.yaml of a mechanism on a fixed base.")],
     recording: Annotated[list[str], typer.Option(help="Recordings, CSV or Parquet, or a pattern in quotes such as 'train_*.csv'; may be given several times.")],
     out: Annotated[Path, typer.Option(help="Folder for spikes, answers and scores.")] = Path("spikes"),
-    times: Annotated[str, typer.Option(help="Sizes, in multiples of the smallest size that your recordings would show.")] = "0.5,1,2,4",
+    times: Annotated[str, typer.Option(help="Sizes, in multiples of the smallest size that your recordings would tell from other effects.")] = "0.5,1,2,4",
     shams: Annotated[int, typer.Option(min=0, help="Copies that nothing was done to but a tenth of the sensors' noise.")] = 4,
     seed: Annotated[int, typer.Option(min=0, help="Draws which joint or link each kind of spike is on.")] = 0,
     diagnoser: Annotated[str | None, typer.Option(help="package.module:Class of your own; what it has to do stands in mpge_bench.concealed.answer.")] = None,

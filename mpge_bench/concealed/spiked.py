@@ -127,6 +127,8 @@ def lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
     if len(told):
         slope = float(told[:, 0] @ told[:, 1] / (told[:, 0] @ told[:, 0]))
         yield "size said against size injected: slope", f"{slope:.3f} ({len(told)} found, in detectable sizes, through the origin)"
+    if absent := [name for name in KINDS if name not in {row["effect"] for row in true}]:
+        yield "not injected", f"{', '.join(absent)} (nothing to act on, or no size from which these recordings are known to tell it from others)"
     if short := sum(not row["complete"] for row in rows):
         yield "cut short by the time budget", f"{short} of {len(rows)} (give more --seconds)"
     shams = [row for row in rows if row["effect"] == "sham"]

@@ -146,4 +146,5 @@ def test_what_is_found_is_told_apart_from_what_was_there_before(tmp_path: Path) 
     told = dict(lines(rows))
     assert told["2 times the detectable size: found"] == "2 of 2"
     assert told["1 times the detectable size: found"] == "0 of 1"
+    assert told["not injected"].startswith("torque_bias, dead_zone, delay, joint_spring, sensor_bias, ")
     assert told["shams: a name that the baseline has not"] == "1 of 1"
