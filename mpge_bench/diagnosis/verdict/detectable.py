@@ -49,12 +49,12 @@ def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tupl
     those for which it is too `late`.
     """
     rule: _Rule = _FarRule(choice) if choice.is_far else _NearRule(choice)
-    columns: dict[str, Array] = {}
-    for candidate in choice.candidates:
-        if late():
-            return ()
-        columns[candidate.label] = rule.columns(candidate)
-    stand_ins = StandIns(choice.candidates, columns, rule.own, choice.chosen.key, choice.problem.settings.choose)
+    every = _every(choice.candidates, rule, late)
+    if every is None:
+        return ()
+    ends = np.cumsum([len(one.starts) for one in choice.candidates])
+    columns = {one.label: part for one, part in zip(choice.candidates, np.split(every, ends[:-1]), strict=True)}
+    stand_ins = StandIns(choice.candidates, every, rule.own, choice.chosen.key, choice.problem.settings.choose)
     found = []
     for candidate in choice.candidates:
         if late():
@@ -63,6 +63,20 @@ def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tupl
             plainer = [columns[one.label] for one in choice.candidates if candidate.contains(one.starts[0])]
             found += _sized(choice, candidate, rule, columns[candidate.label], _with(rule.own, plainer), stand_ins.own_shares(candidate))
     return tuple(found)
+
+
+def _every(candidates: Sequence[Candidate], rule: _Rule, late: Callable[[], bool]) -> Array | None:
+    """The columns of all, in one piece, shape (starts, readings): there may be hundreds of megabytes. None where it is too `late`, or nothing is sought."""
+    every, end = None, 0
+    for candidate in candidates:
+        if late():
+            return None
+        columns = rule.columns(candidate)
+        if every is None:
+            every = np.empty((sum(len(one.starts) for one in candidates), columns.shape[1]))
+        every[end : end + len(columns)] = columns
+        end += len(columns)
+    return every
 
 
 def _sized(choice: Choice, candidate: Candidate, rule: _Rule, columns: Array, known: Array, own_shares: Array) -> list[Detectable]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.twins import plainness, remainder
-from mpge_bench.diagnosis.fit.told import unit_length, without
+from mpge_bench.diagnosis.choose.twins import plainness
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.settings import ChooseSettings
 
@@ -21,52 +20,59 @@ class StandIns:
     """Candidates that may stand in for each other.
 
     Args:
-        columns: by label, of each start of a candidate, what it changes, shape (starts, readings).
+        every: what the starts of all candidates, one after another, change, shape (starts, readings).
         own: orthonormal directions of what the answer's own parameters make up for, shape (directions, readings).
         answer: labels of the answer's effects, which are there already.
     """
 
-    def __init__(
-        self, candidates: Sequence[Candidate], columns: Mapping[str, Array], own: Array, answer: Collection[str], settings: ChooseSettings
-    ) -> None:
+    def __init__(self, candidates: Sequence[Candidate], every: Array, own: Array, answer: Collection[str], settings: ChooseSettings) -> None:
         self._candidates, self._answer, self._settings = candidates, answer, settings
-        every = unit_length(np.concatenate([columns[one.label] for one in candidates]))
-        # Angles are all that counts, so that however many readings there are become as many numbers as there are columns.
-        every = _but_for_rounding(without(every, own))
-        self._gram = every @ every.T
-        ends = np.cumsum([0, *(len(columns[one.label]) for one in candidates)])
+        # Angles are all that counts, so that however many readings there are become as many numbers as there are starts.
+        along, gram = every @ own.T, every @ every.T
+        length = np.sqrt(gram.diagonal())
+        unit = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+        self._gram = (gram - along @ along.T) * unit * unit[:, None]
+        self._gram *= np.outer(*[self._gram.diagonal() > _ROUNDING**2] * 2)
+        self._plainness = {one.label: plainness(one.starts[0]) for one in candidates}
+        self._inverses: dict[str, Array] = {}
+        ends = np.cumsum([0, *(len(one.starts) for one in candidates)])
         self._rows = {one.label: np.arange(*ends[index : index + 2]) for index, one in enumerate(candidates)}
 
     def own_shares(self, candidate: Candidate) -> Array:
         """Share of what each start of `candidate` changes, by length and beyond plainer forms of it, that the best other leaves, shape (starts,)."""
         plainer = [one for one in self._candidates if candidate.contains(one.starts[0])]
-        points = self._beyond(plainer)
+        gram, inverses = (self._beyond(plainer), {}) if plainer else (self._gram, self._inverses)
         known = {candidate.label, *self._answer, *(one.label for one in plainer)}
         others = [one for one in self._candidates if one.label not in known and not one.contains(candidate.starts[0])]
-        return np.array([self._own_share(candidate, own, others, points) for own in unit_length(points[self._rows[candidate.label]])])
-
-    def _own_share(self, candidate: Candidate, own: Array, others: Sequence[Candidate], points: Array) -> float:
-        """What the best of `others` leaves of `own`, of unit length, but for those that do all of it and are less plain: of equals the plainest is named."""
-        left = float(np.linalg.norm(own))
+        rows, least = self._rows[candidate.label], np.ones(len(candidate.starts))
         for other in others:
-            starts = points[self._rows[other.label]]
-            # What is in proportion to its parameters is at its best any sum of its starts; what is not is near one of them.
-            options = list(starts[:, None]) if other.kind.is_bent() else [starts]
-            least = min(remainder(own, option, one_sided=other.kind.is_one_sided()) for option in options)
-            if plainness(other.starts[0]) < plainness(candidate.starts[0]) or least >= self._settings.alike:
-                left = min(left, least)
-        return left
+            left = self._left_by(other, rows, gram, inverses)
+            # Of equals the plainest is named: what does all of it but is less plain stands for nothing.
+            counts = left >= self._settings.alike if self._plainness[other.label] > self._plainness[candidate.label] else True
+            least = np.where(counts, np.minimum(least, left), least)
+        return np.where(gram[rows, rows] > _ROUNDING**2, least, 0.0)
+
+    def _left_by(self, other: Candidate, columns: npt.NDArray[np.int64], gram: Array, inverses: dict[str, Array]) -> Array:
+        """Shares of the lengths of some columns that `other` leaves: what is in proportion to its parameters by a sum of its starts, else by the best start."""
+        rows, is_one_sided = self._rows[other.label], other.kind.is_one_sided()
+        along, own = gram[np.ix_(rows, columns)], gram[rows, rows][:, None]
+        one = np.maximum(along, 0.0) if is_one_sided else along
+        made_up = np.max(np.divide(one**2, own, out=np.zeros_like(one), where=own > _ROUNDING**2), axis=0)
+        if len(rows) > 1 and not other.kind.is_bent():
+            if other.label not in inverses:
+                inverses[other.label] = _inverse(gram[np.ix_(rows, rows)])
+            amounts = inverses[other.label] @ along
+            is_sum = amounts.min(0) >= 0 if is_one_sided else True
+            made_up = np.where(is_sum, (along * amounts).sum(0), made_up)
+        length = gram[columns, columns]
+        return np.asarray(np.sqrt(np.maximum(0.0, 1 - np.divide(made_up, length, out=np.zeros_like(length), where=length > 0))))
 
     def _beyond(self, plainer: Sequence[Candidate]) -> Array:
-        """Every column without its part along those of `plainer`, as a point, shape (columns, columns): with the same lengths and angles."""
-        gram = self._gram
-        if plainer:
-            given = np.concatenate([self._rows[one.label] for one in plainer])
-            gram = gram - gram[:, given] @ np.linalg.pinv(gram[np.ix_(given, given)], rcond=1e-9, hermitian=True) @ gram[given]
-        values, vectors = np.linalg.eigh(gram)
-        return _but_for_rounding(np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))))
+        """Products of all columns without their parts along those of `plainer`."""
+        given = np.concatenate([self._rows[one.label] for one in plainer])
+        return np.asarray(self._gram - self._gram[:, given] @ _inverse(self._gram[np.ix_(given, given)]) @ self._gram[given])
 
 
-def _but_for_rounding(columns: Array) -> Array:
-    """`columns`, shape (columns, numbers), that were of length 1 once, those of which next to nothing is left without it."""
-    return np.where(np.linalg.norm(columns, axis=1, keepdims=True) > _ROUNDING, columns, 0.0)
+def _inverse(gram: Array) -> Array:
+    """Inverse of products of unit columns, but for sums of them of which nothing but rounding is left."""
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-9, hermitian=True))

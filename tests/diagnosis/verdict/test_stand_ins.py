@@ -27,8 +27,8 @@ NOTHING = np.zeros((0, 4))
 def own_share(
     candidate: Candidate, columns: dict[Candidate, list[np.ndarray]], *, own: np.ndarray = NOTHING, answer: tuple[str, ...] = ()
 ) -> float:
-    named = {one.label: np.array(values) for one, values in columns.items()}
-    return float(StandIns(list(columns), named, own, answer, DEFAULT.choose).own_shares(candidate)[0])
+    every = np.array([column for one in columns.values() for column in one])
+    return float(StandIns(list(columns), every, own, answer, DEFAULT.choose).own_shares(candidate)[0])
 
 
 def test_of_what_nothing_else_changes_all_is_its_own() -> None:
