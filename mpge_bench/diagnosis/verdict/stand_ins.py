@@ -32,7 +32,8 @@ class StandIns:
         length = np.sqrt(gram.diagonal())
         unit = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
         self._gram = (gram - along @ along.T) * unit * unit[:, None]
-        self._gram *= np.outer(*[self._gram.diagonal() > _ROUNDING**2] * 2)
+        nothing = self._gram.diagonal() <= _ROUNDING**2
+        self._gram[nothing], self._gram[:, nothing] = 0.0, 0.0
         self._plainness = {one.label: plainness(one.starts[0]) for one in candidates}
         self._inverses: dict[str, Array] = {}
         ends = np.cumsum([0, *(len(one.starts) for one in candidates)])
