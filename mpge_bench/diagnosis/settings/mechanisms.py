@@ -214,7 +214,6 @@ class VerdictSettings:
     confused: float = setting(0.05, "probability", "that data of one model would be taken for the other, from which on they are called indistinguishable")
     sure: float = setting(0.94, "probability", "that what nothing is said to be taken for is there: 198 of 211 effects of concealed cases of two seeds were")
     surely: float = setting(1.645, "standard deviations", "of a detectable size beyond the threshold: 19 in 20 are found, not every other one")
-    own: float = setting(0.02, "share of what an effect changes", "that any other has to leave for it to be told at some size: simulators differ by as much")
     small: float = setting(0.1, "share of where searches begin", "by which what an effect changes far from the noise is told: larger ones are no derivatives")
     in_proportion: float = setting(0.6, "cosine", "of what a size changes with what a small one does, below which nothing of first order holds")
     no_evidence: float = setting(0.5, "probability", "p above it is that of no evidence: how much more it takes is reckoned from here")

@@ -91,7 +91,7 @@ def _sized(choice: Choice, candidate: Candidate, rule: _Rule, columns: Array, kn
     parameter, absent = candidate.kind.parameters[name], float(rig.absent(candidate.starts[:1])[0])
     shares = np.array(rule.shares(candidate, columns, known))
     with np.errstate(divide="ignore"):
-        told_shares = np.where(own_shares > choice.problem.settings.verdict.own, shares / own_shares, math.inf)
+        told_shares = np.where(own_shares > choice.problem.settings.choose.alike, shares / own_shares, math.inf)
     # Of some effects with several parameters a start leaves the first where it is, and says nothing of its size.
     amounts = np.array([candidate.amount(rig, start) if getattr(start, name) != absent else math.inf for start in candidate.starts])
     room = parameter.high - absent
