@@ -176,6 +176,9 @@ def diagnosis_in(out: Path) -> dict[str, Any]:
         check(data, _DIAGNOSIS)
         if data["schema"] != SCHEMA:
             raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA}")
+        for one in data["detectable"]:
+            if isinstance(one, dict):
+                one.setdefault("told", None)  # of a diagnosis that was made before there was such a size
         for name, form in _ENTRIES.items():
             for one in data[name]:
                 check(one, form)
