@@ -52,16 +52,14 @@ def detectable(choice: Choice, late: Callable[[], bool] = lambda: False) -> tupl
     every = _every(choice.candidates, rule, late)
     if every is None:
         return ()
-    ends = np.cumsum([len(one.starts) for one in choice.candidates])
-    columns = {one.label: part for one, part in zip(choice.candidates, np.split(every, ends[:-1]), strict=True)}
     stand_ins = StandIns(choice.candidates, every, rule.own, choice.chosen.key, choice.problem.settings.choose)
     found = []
     for candidate in choice.candidates:
         if late():
             break
         if candidate.measure and candidate.label not in choice.chosen.key:
-            plainer = [columns[one.label] for one in choice.candidates if candidate.contains(one.starts[0])]
-            found += _sized(choice, candidate, rule, columns[candidate.label], _with(rule.own, plainer), stand_ins.own_shares(candidate))
+            known = _with(rule.own, [every[stand_ins.rows[one.label]] for one in stand_ins.plainer(candidate)])
+            found += _sized(choice, candidate, rule, every[stand_ins.rows[candidate.label]], known, stand_ins.own_shares(candidate))
     return tuple(found)
 
 

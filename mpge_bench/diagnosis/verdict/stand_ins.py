@@ -23,6 +23,9 @@ class StandIns:
         every: what the starts of all candidates, one after another, change, shape (starts, readings).
         own: orthonormal directions of what the answer's own parameters make up for, shape (directions, readings).
         answer: labels of the answer's effects, which are there already.
+
+    Attributes:
+        rows: by label, which rows of `every` are a candidate's.
     """
 
     def __init__(self, candidates: Sequence[Candidate], every: Array, own: Array, answer: Collection[str], settings: ChooseSettings) -> None:
@@ -37,15 +40,19 @@ class StandIns:
         self._plainness = {one.label: plainness(one.starts[0]) for one in candidates}
         self._inverses: dict[str, Array] = {}
         ends = np.cumsum([0, *(len(one.starts) for one in candidates)])
-        self._rows = {one.label: np.arange(*ends[index : index + 2]) for index, one in enumerate(candidates)}
+        self.rows = {one.label: np.arange(*ends[index : index + 2]) for index, one in enumerate(candidates)}
+
+    def plainer(self, candidate: Candidate) -> list[Candidate]:
+        """Those that `candidate` contains: only what goes beyond these counts."""
+        return [one for one in self._candidates if candidate.contains(one.starts[0])]
 
     def own_shares(self, candidate: Candidate) -> Array:
         """Share of what each start of `candidate` changes, by length and beyond plainer forms of it, that the best other leaves, shape (starts,)."""
-        plainer = [one for one in self._candidates if candidate.contains(one.starts[0])]
+        plainer = self.plainer(candidate)
         gram, inverses = (self._beyond(plainer), {}) if plainer else (self._gram, self._inverses)
         known = {candidate.label, *self._answer, *(one.label for one in plainer)}
         others = [one for one in self._candidates if one.label not in known and not one.contains(candidate.starts[0])]
-        rows, least = self._rows[candidate.label], np.ones(len(candidate.starts))
+        rows, least = self.rows[candidate.label], np.ones(len(candidate.starts))
         for other in others:
             left = self._left_by(other, rows, gram, inverses)
             # Of equals the plainest is named: what does all of it but is less plain stands for nothing.
@@ -55,7 +62,7 @@ class StandIns:
 
     def _left_by(self, other: Candidate, columns: npt.NDArray[np.int64], gram: Array, inverses: dict[str, Array]) -> Array:
         """Shares of the lengths of some columns that `other` leaves: what is in proportion to its parameters by a sum of its starts, else by the best start."""
-        rows, is_one_sided = self._rows[other.label], other.kind.is_one_sided()
+        rows, is_one_sided = self.rows[other.label], other.kind.is_one_sided()
         along, own = gram[np.ix_(rows, columns)], gram[rows, rows][:, None]
         one = np.maximum(along, 0.0) if is_one_sided else along
         made_up = np.max(np.divide(one**2, own, out=np.zeros_like(one), where=own > _ROUNDING**2), axis=0)
@@ -70,7 +77,7 @@ class StandIns:
 
     def _beyond(self, plainer: Sequence[Candidate]) -> Array:
         """Products of all columns without their parts along those of `plainer`."""
-        given = np.concatenate([self._rows[one.label] for one in plainer])
+        given = np.concatenate([self.rows[one.label] for one in plainer])
         return np.asarray(self._gram - self._gram[:, given] @ _inverse(self._gram[np.ix_(given, given)]) @ self._gram[given])
 
 
