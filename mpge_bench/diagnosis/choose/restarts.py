@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.exported import ExportedMisses, sought
+from mpge_bench.diagnosis.choose.exported import ExportedMisses
+from mpge_bench.diagnosis.choose.points import Effects, Point, fitted, looked
 from mpge_bench.diagnosis.choose.score import means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Plainness, plainness
@@ -21,37 +22,12 @@ from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key
-from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of, rebuild, values_of
 
 Array = npt.NDArray[np.float64]
-Effects = tuple[Effect, ...]
 #: What is said to be cut short where time is up.
 _STAGE = "seeking effects by errors from recorded states"
-
-
-@dataclass(frozen=True)
-class _Point:
-    """Effects with their best parameters.
-
-    Attributes:
-        missed: with them, shape (readings,).
-        jacobian: its derivatives by their parameters, shape (readings, parameters).
-    """
-
-    effects: Effects
-    missed: Array
-    jacobian: Array
-
-    @property
-    def cost(self) -> float:
-        return float(self.missed @ self.missed)
-
-    @property
-    def plainness(self) -> tuple[int, Plainness]:
-        """Less of plainer ones: by the number of parameters, and then by what came last."""
-        return self.jacobian.shape[1], plainness(self.effects[-1])
 
 
 @dataclass(frozen=True)
@@ -85,7 +61,7 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
     named = tuple(effect for effect in (_best_of_few(trials) if is_of_all else chosen).effects if effect.named)
     if misses(named) is None:
         return None
-    point = _fitted(misses, trials.problem.settings, named)
+    point = fitted(misses, trials.problem.settings, named)
     for _ in range(2 * settings.most):
         better = _step(trials, misses, point)
         if better is None:
@@ -104,7 +80,7 @@ def _best_of_few(trials: Trials) -> Model:
     return few[int(np.argmin(trials.levels(few)))]
 
 
-def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | None:
+def _step(trials: Trials, misses: ExportedMisses, point: Point) -> Point | None:
     """Of the points one step away that are materially better than `point` the plainest that is materially as good as the best; None if none is better."""
     settings, shared = trials.settings, (misses, trials.problem.settings)
     moves = _moves(trials, misses, point)
@@ -116,22 +92,27 @@ def _step(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point | Non
             if move.adds is adds and np.isfinite(cost):
                 best.setdefault(key(move.effects), move)
         followed += list(best.values())[:most]
-    points = trials.side_by_side(_STAGE, _fitted, shared, [move.effects for move in followed])
+    points = trials.side_by_side(_STAGE, fitted, shared, [move.effects for move in followed])
     better = [one for one in points if one.cost < (1 - settings.coarse_material) * point.cost and _means_something(trials, one)]
     least = min((one.cost for one in better), default=0.0)
-    return min((one for one in better if (1 - settings.coarse_material) * one.cost <= least), key=lambda one: one.plainness, default=None)
+    return min((one for one in better if (1 - settings.coarse_material) * one.cost <= least), key=_plainness, default=None)
 
 
-def _means_something(trials: Trials, point: _Point) -> bool:
+def _plainness(point: Point) -> tuple[int, Plainness]:
+    """Less of plainer ones: by the number of parameters, and then by what came last."""
+    return point.jacobian.shape[1], plainness(point.effects[-1])
+
+
+def _means_something(trials: Trials, point: Point) -> bool:
     """Whether all effects do: a sensor that is half a second late tells half a second ahead what was known before."""
     return all(means_something(trials.problem, effect) for effect in point.effects)
 
 
-def _moves(trials: Trials, misses: ExportedMisses, point: _Point) -> list[_Move]:
+def _moves(trials: Trials, misses: ExportedMisses, point: Point) -> list[_Move]:
     """What promises most, to first order, beside all effects of `point` and in the place of each of them."""
     settings, rig = trials.settings, trials.problem.rig
     starts = [(one, start) for one in trials.candidates if one.label not in key(point.effects) for start in one.starts]
-    columns = trials.side_by_side(_STAGE, _looked, (misses, rig, point), [start for _, start in starts])
+    columns = trials.side_by_side(_STAGE, looked, (misses, rig, point), [start for _, start in starts])
     looks = [_Look(*start, column) for start, column in zip(starts, columns, strict=False) if column is not None]
     every = tuple(range(len(point.effects)))
     kept = [*([every] if len(every) < settings.most else []), *(tuple(index for index in every if index != left) for left in every)]
@@ -145,7 +126,7 @@ def _moves(trials: Trials, misses: ExportedMisses, point: _Point) -> list[_Move]
     return found
 
 
-def _proposed(rig: Rig, point: _Point, own: Sequence[int], base: Array, looks: Sequence[_Look], most: int) -> Iterator[Effects]:
+def _proposed(rig: Rig, point: Point, own: Sequence[int], base: Array, looks: Sequence[_Look], most: int) -> Iterator[Effects]:
     """The effects `own` of `point`, with which `base` is missed, and beside them, as much of it as is best to first order, each of what promises `most`.
 
     Own parameters once as they are, and once with the step that goes with it.
@@ -184,11 +165,11 @@ def _goes_beside(candidate: Candidate, effects: Sequence[Effect]) -> bool:
     return True
 
 
-def _without_needless(trials: Trials, misses: ExportedMisses, point: _Point) -> _Point:
+def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> Point:
     """`point` without effects that it does without materially as well, the most needless first."""
     while len(point.effects) > 1:
         fewer = [tuple(one for one in point.effects if one is not effect) for effect in point.effects]
-        points = trials.side_by_side(_STAGE, _fitted, (misses, trials.problem.settings), fewer)
+        points = trials.side_by_side(_STAGE, fitted, (misses, trials.problem.settings), fewer)
         best = min((one for one in points if _means_something(trials, one)), key=lambda one: one.cost, default=None)
         if best is None or point.cost < (1 - trials.settings.coarse_material) * best.cost:
             break
@@ -196,20 +177,5 @@ def _without_needless(trials: Trials, misses: ExportedMisses, point: _Point) -> 
     return point
 
 
-def _looked(misses: ExportedMisses, rig: Rig, point: _Point, start: Effect) -> Array | None:
-    """By what `start` beside the effects of `point` changes what these miss."""
-    found = misses.in_a_row(rig.joined(point.effects, start))
-    return None if found is None else found - point.missed
-
-
 def _cost(missed: Array | None) -> float:
     return np.inf if missed is None else float(missed @ missed)
-
-
-def _fitted(misses: ExportedMisses, settings: DiagnosisSettings, effects: Effects) -> _Point:
-    """`effects`, with which the simulation is stable, fitted; as they are where there are none."""
-    if not effects:
-        missed = misses.in_a_row(())
-        assert missed is not None
-        return _Point((), missed, np.zeros((len(missed), 0)))
-    return _Point(*sought(misses, effects, settings.choose.restart_evaluations, settings.fit))

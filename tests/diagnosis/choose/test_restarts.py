@@ -9,6 +9,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose import restarts
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
+from mpge_bench.diagnosis.choose.points import Point
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -73,8 +74,8 @@ def test_a_sensor_as_late_as_predictions_reach_is_no_step(asked: Problem) -> Non
     assert known is not None
     assert hidden is not None
     assert known @ known < 0.1 * (hidden @ hidden)
-    assert not restarts._means_something(trials, restarts._Point(late, known, np.zeros((len(known), 2))))
-    assert restarts._means_something(trials, restarts._Point(HIDDEN, known, np.zeros((len(known), 2))))
+    assert not restarts._means_something(trials, Point(late, known, np.zeros((len(known), 2))))
+    assert restarts._means_something(trials, Point(HIDDEN, known, np.zeros((len(known), 2))))
 
 
 def test_stretches_are_left_out_evenly_and_not_judged(asked: Problem) -> None:

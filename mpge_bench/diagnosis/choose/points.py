@@ -1,0 +1,49 @@
+"""Effects with the parameters with which recordings are predicted best from recorded states, and what others beside them would change of that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.exported import ExportedMisses, sought
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.envs.effects import Effect
+
+Array = npt.NDArray[np.float64]
+Effects = tuple[Effect, ...]
+
+
+@dataclass(frozen=True)
+class Point:
+    """Effects with their best parameters.
+
+    Attributes:
+        missed: with them, shape (readings,).
+        jacobian: its derivatives by their parameters, shape (readings, parameters).
+    """
+
+    effects: Effects
+    missed: Array
+    jacobian: Array
+
+    @property
+    def cost(self) -> float:
+        return float(self.missed @ self.missed)
+
+
+def fitted(misses: ExportedMisses, settings: DiagnosisSettings, effects: Effects) -> Point:
+    """`effects`, with which the simulation is stable, fitted; as they are where there are none."""
+    if not effects:
+        missed = misses.in_a_row(())
+        assert missed is not None
+        return Point((), missed, np.zeros((len(missed), 0)))
+    return Point(*sought(misses, effects, settings.choose.restart_evaluations, settings.fit))
+
+
+def looked(misses: ExportedMisses, rig: Rig, point: Point, start: Effect) -> Array | None:
+    """By what `start` beside the effects of `point` changes what these miss; None where the simulation is unstable with it."""
+    found = misses.in_a_row(rig.joined(point.effects, start))
+    return None if found is None else found - point.missed
