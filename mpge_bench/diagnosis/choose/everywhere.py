@@ -5,24 +5,19 @@ Single effects lead nowhere where a dozen joints all miss something: each of the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
-import yaml
 
-from mpge_bench.diagnosis.choose.score import fallen, idle
+from mpge_bench.diagnosis.choose.joints import needed
+from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
-from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.fit.told import unit_length
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of, values_of
 
-Array = npt.NDArray[np.float64]
 #: What is said to be cut short where time is up.
 _STAGE = "fitting all joints at once"
 
@@ -94,86 +89,3 @@ def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]
         if gained < settings.converged * model.train:
             break
     return model, fitter
-
-
-def needed(problem: Problem, model: Model) -> list[Effect]:
-    """The effects of `model` without which the joints that they act on would be predicted worse, whatever the others then did: left out the idlest first.
-
-    Joints that are alike have what they have together: one of four legs that moved less does not say that its motors are made otherwise.
-    """
-    settings, groups = problem.settings.choose, _groups(problem, model.effects)
-    missed = _left_out(problem, model)
-    kept = list(range(len(groups)))
-    # Far from the noise windows differ too much for two standard errors.
-    errors = settings.errors if model.overall < settings.coarse else settings.coarse_errors
-
-    def without(*indices: int) -> Array:
-        return missed([effect for index in indices for effect in groups[index].effects])
-
-    while len(kept) > 1:
-        dropped = [index for index in range(len(groups)) if index not in kept]
-        rich, needs = without(*dropped), {}
-        for index in kept:
-            share, error = fallen(*(np.sqrt((one[:, groups[index].joints] ** 2).mean(1)) for one in (without(*dropped, index), rich)))
-            # By how much more than is material it lowers what is missed there.
-            needs[index] = min(share - settings.material, share - errors * error)
-        idlest = min(kept, key=needs.__getitem__)
-        if needs[idlest] > 0:
-            break
-        kept.remove(idlest)
-    return [model.effects[index] for index in sorted(effect for group in kept for effect in groups[group].effects)]
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Effects of one kind, by their indices in a model, and the joints, by theirs, that they act on: joints that are alike, or all."""
-
-    effects: tuple[int, ...]
-    joints: tuple[int, ...]
-
-
-def _groups(problem: Problem, effects: Sequence[Effect]) -> list[_Group]:
-    rig = problem.rig
-    makes = {joint: _make(rig, joint) for joint in rig.joints}
-    found: dict[object, list[int]] = {}
-    for index, effect in enumerate(effects):
-        found.setdefault((effect.name, makes.get(effect.target)), []).append(index)
-    joints = [[rig.joints.index(effects[index].target) for index in indices if effects[index].target in makes] for indices in found.values()]
-    return [_Group(tuple(indices), tuple(own or range(len(rig.joints)))) for indices, own in zip(found.values(), joints, strict=True)]
-
-
-def _make(rig: Rig, joint: str) -> object:
-    """What is equal of joints that are alike: how they are driven, their place in the chain and the body that they turn, mirrored or not."""
-    model = rig.model
-    own = [link for link in model.moving_links() if model.carriers(link)[:1] == (joint,)]
-    bodies = []
-    for link in own:
-        mass, centre, inertia = model.inertial(link)
-        length = float(np.linalg.norm(centre))
-        bodies.append(tuple(f"{value:.2g}" for value in (mass, length, *np.linalg.eigvalsh(inertia))))
-    depth = len(model.carriers(own[0])) if own else 0
-    return rig.modes[joint], yaml.safe_dump(rig.data["joints"].get(joint)), model.is_prismatic(joint), depth, tuple(bodies)
-
-
-def _left_out(problem: Problem, model: Model) -> Callable[[list[int]], Array]:
-    """Root of what `model` misses of each joint in each window, shape (windows, joints), without some of its effects, by index, the others at their best.
-
-    To first order, from the derivatives about the fit: thirty fits in the simulator would take minutes.
-    """
-    owner = np.repeat(np.arange(len(model.effects)), [len(parameters_of(effect)) for effect in model.effects])
-    size = np.linalg.norm(model.fit.jacobian.reshape(len(owner), -1), axis=1)
-    size = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    away = np.divide(model.absent - values_of(model.effects), size, out=np.zeros_like(size), where=size > 0)
-    jacobian = model.fit.jacobian * size[:, None, None]
-    weights = problem.fitter(model.effects).weights(model.fit.cost)
-    columns = (jacobian * weights).reshape(len(owner), -1)
-    gram, along = columns @ columns.T, columns @ (model.fit.residuals * weights).ravel()
-
-    def missed(without: list[int]) -> Array:
-        free = ~np.isin(owner, without)
-        step = np.where(free, 0.0, away)
-        step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ step)[free], rcond=1e-9)[0]
-        left = model.fit.residuals - np.tensordot(step, jacobian, 1)
-        return np.asarray(np.sqrt((left.reshape(len(left), -1, 2, len(problem.rig.joints)) ** 2).mean((1, 2)) + 1e-9))
-
-    return missed
