@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
@@ -29,6 +31,7 @@ def grow(trials: Trials, screening: Screening) -> None:
     settings = trials.settings
     beam: Beam = [(trials.nominal, trials.fitter)]
     for depth in range(settings.most):
+        begun = time.monotonic()
         grown = _grown(trials, beam, screening, depth)
         if not grown:
             break
@@ -36,7 +39,9 @@ def grow(trials: Trials, screening: Screening) -> None:
         levels = trials.levels([model for model, _ in grown])
         near = settings.held if levels[0] < settings.held else settings.half_truth
         beam = [pair for pair, level in zip(grown, levels, strict=True) if level < near * levels[0]][: settings.beam]
-        if trials.cut_short("combining effects"):
+        # Beside a model of all joints a round takes as long as what led to it.
+        seconds = 0.0 if settings.are_few(beam[0][0].effects) else time.monotonic() - begun
+        if trials.cut_short("combining effects", seconds):
             break
         rest = screen(beam[0][1], trials.candidates, grown[0][0].fit, draws=trials.problem.settings.fit.draws_left)
         is_chance = rest.p_value >= settings.significance and rest.odds < settings.doubtless
@@ -117,8 +122,9 @@ def _polished(trials: Trials, drafts: list[Model], depth: int, beside: Beam) -> 
     settings = trials.settings
     # Where one model is near, one that is far off cannot catch up.
     hopeless = settings.hopeless[1 if depth or beside else 0] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
-    pairs = beside + trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
-    pairs = sorted(_without_idle(trials, pairs), key=lambda pair: pair[0].overall)
+    followed = trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
+    # What windows hardly show of a model beside them was needed where that was found.
+    pairs = sorted([*beside, *_without_idle(trials, followed)], key=lambda pair: pair[0].overall)
     if pairs:
         pairs[0] = trials.converged(*pairs[0])
     for model, _ in pairs:

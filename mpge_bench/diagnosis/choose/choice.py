@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.simplest import needed, plainer, simplest
+from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -120,9 +121,10 @@ def choose(
                 _dealt_anew(trials, options)
         named = with_formulas(trials, simplest(trials))
         nearer = by_recorded_states(trials, named)
-        if nearer and trials.are_far([nearer]):
+        as_used = nearer if nearer and trials.are_far([nearer]) else None if nearer else completed(trials, named)
+        if as_used:
             # What was found so is as it should be; fits in windows lead away from it.
-            chosen = with_curves(trials, nearer)
+            chosen = with_curves(trials, as_used)
         else:
             chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, needed(trials, nearer) if nearer else named))))
         chosen = trials.as_exported(chosen)

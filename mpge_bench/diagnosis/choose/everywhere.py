@@ -5,21 +5,21 @@ Single effects lead nowhere where a dozen joints all miss something: each of the
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from mpge_bench.diagnosis.choose.joints import needed
+from mpge_bench.diagnosis.choose.points import Effects
 from mpge_bench.diagnosis.choose.score import idle
+from mpge_bench.diagnosis.choose.together import STAGE, kinds_of, least_gain, together
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.fit.simulator import described, polished
 from mpge_bench.diagnosis.fit.told import unit_length
 from mpge_bench.envs.effects import Effect
-
-#: What is said to be cut short where time is up.
-_STAGE = "fitting all joints at once"
 
 
 def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
@@ -28,19 +28,23 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     One kind after another, on all that it acts on, what explains most of what is left first, where that is much and what models are chosen by is predicted no
     worse as well: a fit of fifty parameters from nothing ends where some joint that hardly moved sticks, and never moves again.
     """
-    kinds: dict[str, list[Effect]] = {}
-    for one in trials.candidates:
-        if one.kind.is_everywhere(trials.problem.scale(one.target)):
-            kinds.setdefault(one.name, []).append(one.starts[0])
-    if sum(map(len, kinds.values())) < 2 or trials.cut_short(_STAGE):
+    kinds = kinds_of(trials)
+    if sum(map(len, kinds.values())) < 2 or trials.cut_short(STAGE):
         return None
     pair = trials.nominal, trials.fitter
-    while not trials.cut_short(_STAGE):
+    if trials.are_far([trials.nominal]):
+        # Of what friction holds fast no rotor shows: what explains most of the torques goes first.
+        begun = together(trials, {name: kinds[name] for name in _ranked(pair, kinds)})
+        if begun:
+            pair, settled = _begun(trials, begun)
+            if settled:
+                return pair
+    while not trials.cut_short(STAGE):
         richer = _richer(trials, pair, kinds)
         if richer is None:
             break
         pair = richer
-    while len(pair[0].effects) > 2 and not trials.cut_short(_STAGE):
+    while len(pair[0].effects) > 2 and not trials.cut_short(STAGE):
         useless = list(idle(trials.problem, pair[1], pair[0].effects))
         kept = [effect for effect in needed(trials.problem, pair[0]) if effect not in useless]
         if len(kept) == len(pair[0].effects):
@@ -50,16 +54,29 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     return pair
 
 
+def _begun(trials: Trials, effects: Effects) -> tuple[tuple[Model, LinearFitter], bool]:
+    """The model of `effects`, which were fitted from recorded states, fitted in windows; or, far from the noise, as it is where that predicts no better.
+
+    Returns:
+        Also whether it stays as it is.
+    """
+    pair = polished(trials.problem, effects)
+    if pair[0].overall > trials.settings.near:
+        with contextlib.suppress(np.linalg.LinAlgError):
+            as_begun = described(trials.problem, effects)
+            if trials.no_worse(as_begun[0], pair[0]):
+                return as_begun, True
+    return pair, False
+
+
 def _richer(trials: Trials, pair: tuple[Model, LinearFitter], kinds: Mapping[str, Sequence[Effect]]) -> tuple[Model, LinearFitter] | None:
     """`pair` with the first of `kinds` that it has not and that helps, what promises most first; None where none does."""
     present = {effect.name for effect in pair[0].effects}
     for name in _ranked(pair, {name: starts for name, starts in kinds.items() if name not in present}):
-        if trials.cut_short(_STAGE):
+        if trials.cut_short(STAGE):
             break
-        # What is off by a sensor's zero or a tilted base readily stands in for other physics; friction and rotors every joint has.
-        least = trials.settings.material if kinds[name][0].on == "joint" else trials.settings.coarse_material
         grown = _fitted(trials, [*pair[0].effects, *kinds[name]])
-        if grown[0].train < (1 - least) * pair[0].train and trials.no_worse(grown[0], pair[0]):
+        if grown[0].train < (1 - least_gain(kinds[name], trials.settings)) * pair[0].train and trials.no_worse(grown[0], pair[0]):
             return grown
     return None
 
@@ -83,7 +100,7 @@ def _fitted(trials: Trials, effects: list[Effect]) -> tuple[Model, LinearFitter]
     settings = trials.settings
     model, fitter = polished(trials.problem, effects)
     for _ in range(settings.convergences):
-        if trials.cut_short(_STAGE):
+        if trials.cut_short(STAGE):
             break
         (model, fitter), gained = trials.again(model, fitter, evaluations=1)
         if gained < settings.converged * model.train:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,8 @@ Array = npt.NDArray[np.float64]
 
 #: Effects -> root mean square error of all positions, predicted with them.
 ExportedError = Callable[[tuple[Effect, ...]], float]
+#: Function, what it shares, items -> what it makes of each, all of them, side by side or one after another.
+Each = Callable[[Callable[..., Any], tuple[Any, ...], Sequence[Any]], list[Any]]
 
 
 class ExportedMisses:
@@ -75,33 +78,49 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
     return error
 
 
-def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect], each: Each) -> tuple[Effect, ...]:
     """`effects` with parameters, sought from their own by least squares, under which the error on `recordings` is least."""
     settings = problem.settings.fit
-    return sought(ExportedMisses(problem, recordings), effects, settings.evaluations, settings)[0]
+    return sought(ExportedMisses(problem, recordings), effects, settings.evaluations, settings, each)[0]
 
 
-def sought(misses: ExportedMisses, effects: Sequence[Effect], evaluations: int, settings: FitSettings) -> tuple[tuple[Effect, ...], Array, Array]:
+def in_turn(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
+    """As a pool of processes does, by this one alone."""
+    return [work(*shared, item) for item in items]
+
+
+def sought(
+    misses: ExportedMisses, effects: Sequence[Effect], evaluations: int, settings: FitSettings, each: Each = in_turn
+) -> tuple[tuple[Effect, ...], Array, Array]:
     """`effects` with parameters, sought from their own by least squares, with which `misses` are least.
+
+    Args:
+        each: derivatives by the parameters are worked out with.
 
     Returns:
         Also what is missed with them, shape (readings,), and its derivatives by their parameters, shape (readings, parameters).
     """
     size, (low, high) = sizes_of(effects), limits_of(effects)
+    bounds = low / size - 1e-9, high / size + 1e-9
+    # Dry friction makes such errors rough.
+    rough = np.maximum(settings.rough, [step for effect in effects for step in steps_of(effect)])
 
     def missed(z: Array) -> Array:
         found = misses.in_a_row(rebuild(effects, z * size))
         return misses.all_by(settings.unstable) if found is None else found
 
+    def derivatives(z: Array) -> Array:
+        # Shares of the parameter, but where there is next to nothing of it.
+        step = rough * np.maximum(np.abs(z), rough) * np.where(z < 0, -1.0, 1.0)
+        step = np.where((z + step < bounds[0]) | (z + step > bounds[1]), -step, step)
+        at, *moved = each(ExportedMisses.in_a_row, (misses,), [rebuild(effects, one * size) for one in (z, *(z + np.diag(step)))])
+        if at is None:
+            return np.zeros((len(misses.all_by(0.0)), len(z)))
+        columns = [np.zeros_like(at) if there is None else (there - at) / by for there, by in zip(moved, step, strict=True)]
+        return np.stack(columns, axis=1)
+
     best = least_squares(
-        missed,
-        values_of(effects) / size,
-        bounds=(low / size - 1e-9, high / size + 1e-9),
-        # Dry friction makes such errors rough.
-        diff_step=np.maximum(settings.rough, [step for effect in effects for step in steps_of(effect)]),
-        max_nfev=evaluations,
-        xtol=settings.gained,
-        ftol=settings.gained,
+        missed, values_of(effects) / size, derivatives, bounds=bounds, max_nfev=evaluations, xtol=settings.gained, ftol=settings.gained
     )
     return tuple(rebuild(effects, best.x * size)), best.fun, best.jac / size
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -24,24 +25,31 @@ Array = npt.NDArray[np.float64]
 
 def with_formulas(trials: Trials, chosen: Model) -> Model:
     """`chosen` or, where that predicts validation recordings much better, a formula at each of some joints with the named physics still needed beside it."""
+    seconds = 0.0
     for _ in trials.problem.rig.joints:
-        if trials.is_clean(chosen) or trials.cut_short("formulas"):
+        # Beside a model of all joints each takes long.
+        if trials.is_clean(chosen) or trials.cut_short("formulas", seconds):
             break
+        begun = time.monotonic()
         rich = _richer(trials, chosen)
         if rich is None or not (is_told(rich) and _is_much_better(trials, chosen, rich) and trials.no_worse(rich, chosen)) or _is_slight(trials, rich):
             break
         chosen = needed(trials, rich)
-    return _in_place_of_named(trials, chosen)
+        seconds = 0.0 if trials.settings.are_few(chosen.effects) else time.monotonic() - begun
+    return _in_place_of_named(trials, chosen, seconds)
 
 
-def _in_place_of_named(trials: Trials, chosen: Model) -> Model:
+def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
     """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles.
 
     That may leave nothing to be explained by anything beside it, though it is not what there is: a motor that grows weaker delivers less on the average, too.
+
+    Args:
+        seconds: that one takes about.
     """
     for effect in chosen.effects:
         alike = [one for one in trials.formulas if one.target == effect.target and effect.name in one.kind.resembles]
-        if not alike or trials.cut_short("formulas"):
+        if not alike or trials.cut_short("formulas", seconds):
             continue
         others = tuple(one for one in chosen.effects if one is not effect)
         try:
@@ -85,9 +93,9 @@ def lone_formula(trials: Trials) -> Model | None:
 
 
 def _richer(trials: Trials, chosen: Model) -> Model | None:
-    """The best model of one formula beside `chosen`, or beside nothing: named physics may have stood in for it."""
+    """The best model of one formula beside `chosen`, or beside nothing: named physics may have stood in for it, unless it is that of all joints."""
     drafts: list[Model] = []
-    for model in (chosen, trials.nominal) if chosen.effects else (trials.nominal,):
+    for model in (chosen, trials.nominal) if chosen.effects and trials.settings.are_few(chosen.effects) else (chosen,):
         fitter = trials.problem.fitter(model.effects) if model.effects else trials.fitter
         drafts += trials.each(drafted, (fitter,), _fits(trials, model, fitter, 0.0, trials.formulas))
     ends = trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[: trials.settings.polished]])

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.exported import ExportedMisses, sought
+from mpge_bench.diagnosis.choose.exported import Each, ExportedMisses, in_turn, sought
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.diagnosis.settings import FitSettings
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -34,13 +34,13 @@ class Point:
         return float(self.missed @ self.missed)
 
 
-def fitted(misses: ExportedMisses, settings: DiagnosisSettings, effects: Effects) -> Point:
-    """`effects`, with which the simulation is stable, fitted; as they are where there are none."""
+def fitted(misses: ExportedMisses, settings: FitSettings, evaluations: int, effects: Effects, each: Each = in_turn) -> Point:
+    """`effects`, with which the simulation is stable, fitted with so many `evaluations` and derivatives at most, these by `each`; none as they are."""
     if not effects:
         missed = misses.in_a_row(())
         assert missed is not None
         return Point((), missed, np.zeros((len(missed), 0)))
-    return Point(*sought(misses, effects, settings.choose.restart_evaluations, settings.fit))
+    return Point(*sought(misses, effects, evaluations, settings, each))
 
 
 def looked(misses: ExportedMisses, rig: Rig, point: Point, start: Effect) -> Array | None:

@@ -61,7 +61,7 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
     named = tuple(effect for effect in (_best_of_few(trials) if is_of_all else chosen).effects if effect.named)
     if misses(named) is None:
         return None
-    point = fitted(misses, trials.problem.settings, named)
+    point = fitted(misses, trials.problem.settings.fit, settings.restart_evaluations, named)
     for _ in range(2 * settings.most):
         better = _step(trials, misses, point)
         if better is None:
@@ -82,7 +82,7 @@ def _best_of_few(trials: Trials) -> Model:
 
 def _step(trials: Trials, misses: ExportedMisses, point: Point) -> Point | None:
     """Of the points one step away that are materially better than `point` the plainest that is materially as good as the best; None if none is better."""
-    settings, shared = trials.settings, (misses, trials.problem.settings)
+    settings, shared = trials.settings, (misses, trials.problem.settings.fit, trials.settings.restart_evaluations)
     moves = _moves(trials, misses, point)
     costs = [_cost(one) for one in trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [move.effects for move in moves])]
     followed: list[_Move] = []
@@ -169,7 +169,7 @@ def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> P
     """`point` without effects that it does without materially as well, the most needless first."""
     while len(point.effects) > 1:
         fewer = [tuple(one for one in point.effects if one is not effect) for effect in point.effects]
-        points = trials.side_by_side(_STAGE, fitted, (misses, trials.problem.settings), fewer)
+        points = trials.side_by_side(_STAGE, fitted, (misses, trials.problem.settings.fit, trials.settings.restart_evaluations), fewer)
         best = min((one for one in points if _means_something(trials, one)), key=lambda one: one.cost, default=None)
         if best is None or point.cost < (1 - trials.settings.coarse_material) * best.cost:
             break

@@ -106,11 +106,12 @@ class Trials:
         clean = self.problem.settings.fit.clean
         return model.train < clean and model.validation < clean
 
-    def cut_short(self, stage: str) -> bool:
-        """Whether there is no time left for something more of `stage`, which is then noted as cut short."""
-        if self.clock.late:
+    def cut_short(self, stage: str, seconds: float = 0.0) -> bool:
+        """Whether there is no time left for something more of `stage`, which takes so many `seconds` and is then noted as cut short."""
+        late = is_past(self.clock.deadline - seconds)
+        if late:
             self.cut[stage] = None
-        return self.clock.late
+        return late
 
     @contextmanager
     def growing(self) -> Iterator[None]:
@@ -244,7 +245,7 @@ class Trials:
         return self.add(replace(model, fit=replace(model.fit, effects=effects)))
 
     def _can_be_as_used(self, model: Model) -> bool:
-        """Whether `model` is judged as it is used; one of all joints would take minutes, and a nameless curve has no parameters to be sought.
+        """Whether `model` is judged as it is used; one of all joints was fitted so if that helped, and a nameless curve has no parameters to be sought.
 
         Others take a second or two, for which there is time beyond the search's.
         """
@@ -253,7 +254,7 @@ class Trials:
 
     def _as_used(self, model: Model) -> Model:
         """`model` with the parameters with which it predicts all recordings searched on best as it is exported."""
-        effects = best_exported(self.problem, self.problem.recordings, model.effects)
+        effects = best_exported(self.problem, self.problem.recordings, model.effects, self.workers.each)
         # As much as is asked of models there (`is_better`).
         if not self._used(effects) ** 2 < (1 - self.settings.coarse_material) * self._used(model.effects) ** 2:
             return model

@@ -48,9 +48,14 @@ def as_it_is(problem: Problem, effects: Sequence[Effect]) -> Model:
     Raises:
         LinAlgError: where the linearised simulator flies apart under them.
     """
+    return described(problem, effects)[0]
+
+
+def described(problem: Problem, effects: Sequence[Effect]) -> tuple[Model, LinearFitter]:
+    """As `as_it_is`, and the fitter about them."""
     fitter = problem.fitter(tuple(effects))
     fit = _differentiated(problem, fitter, fitter.at(effects))
-    return _judged(problem, fitter, _refined(problem, fitter, fit, 0), fit.jacobian)[0]
+    return _judged(problem, fitter, _refined(problem, fitter, fit, 0), fit.jacobian)
 
 
 def nominal(problem: Problem) -> tuple[Model, LinearFitter]:

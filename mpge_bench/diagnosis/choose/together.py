@@ -1,0 +1,142 @@
+"""What every machine has, grown from recorded states: far from the noise starting states of windows hide so much that fits of many parameters go astray."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.exported import ExportedMisses
+from mpge_bench.diagnosis.choose.points import Effects, Point, fitted
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.simulator import as_it_is
+from mpge_bench.diagnosis.hypotheses.candidates import key
+from mpge_bench.diagnosis.settings import ChooseSettings
+from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import parameters_of, values_of
+
+Array = npt.NDArray[np.float64]
+Kinds = Mapping[str, Sequence[Effect]]
+#: What is said to be cut short where time is up.
+STAGE = "fitting all joints at once"
+
+
+def kinds_of(trials: Trials) -> dict[str, list[Effect]]:
+    """What every machine has, by kinds: of each where it begins on all that it acts on."""
+    kinds: dict[str, list[Effect]] = {}
+    for one in trials.candidates:
+        if one.kind.is_everywhere(trials.problem.scale(one.target)):
+            kinds.setdefault(one.name, []).append(one.starts[0])
+    return kinds
+
+
+def together(trials: Trials, kinds: Kinds) -> Effects:
+    """Of `kinds`, in their order, those that help beside what was taken in before, and of these the effects that their joints need; none where none helps."""
+    misses = ExportedMisses(trials.problem, trials.problem.recordings, most=trials.settings.restarts)
+    if misses(()) is None:
+        return ()
+    point = fitted(misses, trials.problem.settings.fit, 0, ())
+    while not trials.cut_short(STAGE):
+        richer = _richer(trials, misses, point, kinds)
+        if richer is None:
+            break
+        point = richer
+    return _without_needless(trials, misses, point).effects
+
+
+def completed(trials: Trials, chosen: Model) -> Model | None:
+    """`chosen`, of all joints, with what most joints have on the others, too, and without what they then do not need, fitted from recorded states.
+
+    None where that predicts these no better, and of a model that is of few effects or near the noise: windows say more of such.
+    """
+    settings, effects = trials.settings, chosen.effects
+    if settings.are_few(effects) or chosen.overall < settings.near or not all(effect.named for effect in effects):
+        return None
+    misses = ExportedMisses(trials.problem, trials.problem.recordings, most=settings.restarts)
+    before = misses.in_a_row(effects)
+    if before is None:
+        return None
+    present = Counter(effect.name for effect in effects)
+    lacking = [one for name, starts in kinds_of(trials).items() if 2 * present[name] > len(starts) for one in starts if not key([one]) <= chosen.key]
+    # However late it is: without it such a model is far off.
+    point = _to_the_end(trials, misses, (*effects, *lacking))
+    point = _without_needless(trials, misses, point)
+    if not point.cost < (1 - settings.coarse_material) * float(before @ before):
+        return None
+    try:
+        return trials.add(as_it_is(trials.problem, point.effects))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def least_gain(effects: Sequence[Effect], settings: ChooseSettings) -> float:
+    """Share of the sum of squares that a kind has to explain.
+
+    What is off by a sensor's zero or a tilted base readily stands in for other physics; friction and rotors every joint has.
+    """
+    return settings.material if effects[0].on == "joint" else settings.coarse_material
+
+
+def _richer(trials: Trials, misses: ExportedMisses, point: Point, kinds: Kinds) -> Point | None:
+    """`point` with the first of `kinds` that it has not and that helps; None where none does."""
+    present = {effect.name for effect in point.effects}
+    for name in kinds:
+        if name not in present and not trials.cut_short(STAGE):
+            grown = _to_the_end(trials, misses, (*point.effects, *kinds[name]))
+            if grown.cost < (1 - least_gain(kinds[name], trials.settings)) * point.cost:
+                return grown
+    return None
+
+
+def _to_the_end(trials: Trials, misses: ExportedMisses, effects: Effects) -> Point:
+    """`effects` fitted until that gains next to nothing: what was not fitted to the end leaves room for what is not there."""
+    settings = trials.settings
+    return fitted(misses, trials.problem.settings.fit, settings.convergences * settings.restart_evaluations, effects, trials.workers.each)
+
+
+def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> Point:
+    """`point` without what it does not need, fitted anew."""
+    while len(point.effects) > 1 and not trials.cut_short(STAGE):
+        kept = needed(trials.problem.rig, point, trials.settings)
+        if len(kept) == len(point.effects):
+            break
+        point = _to_the_end(trials, misses, kept)
+    return point
+
+
+def needed(rig: Rig, point: Point, settings: ChooseSettings) -> Effects:
+    """The effects of `point` without which more would be missed of the joint that they act on, whatever the others then did: left out the idlest first.
+
+    To first order. What acts on no joint has to matter to all of them together, as much as it had to when it was taken in.
+    """
+    joints = len(rig.joints)
+    owner = np.repeat(np.arange(len(point.effects)), [len(parameters_of(effect)) for effect in point.effects])
+    size = np.linalg.norm(point.jacobian, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    columns, away = point.jacobian / size, (rig.absent(point.effects) - values_of(point.effects)) * size
+    away = np.where(np.isfinite(away), away, 0.0)
+    gram, along = columns.T @ columns, columns.T @ point.missed
+
+    def missed(without: list[int]) -> Array:
+        """Sum of squares of each joint, shape (joints,)."""
+        free = ~np.isin(owner, without)
+        step = np.where(free, 0.0, away)
+        step[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], (along + gram @ step)[free], rcond=1e-9)[0]
+        return np.asarray(((point.missed + columns @ step).reshape(-1, joints) ** 2).sum(0))
+
+    dropped: list[int] = []
+    while len(dropped) < len(point.effects) - 1:
+        rich, needs = missed(dropped), {}
+        for index in set(range(len(point.effects))) - set(dropped):
+            poor, target = missed([*dropped, index]), point.effects[index].target
+            own, least = ([rig.joints.index(target)], settings.material) if target in rig.joints else (list(range(joints)), settings.coarse_material)
+            needs[index] = float(1 - rich[own].sum() / poor[own].sum()) - least
+        idlest = min(needs, key=needs.__getitem__)
+        if needs[idlest] > 0:
+            break
+        dropped.append(idlest)
+    return tuple(effect for index, effect in enumerate(point.effects) if index not in dropped)
