@@ -112,6 +112,22 @@ PENDULUM = (
 )
 
 
+LEG = (
+    '<link name="{name}_link"><inertial><origin xyz="0.01 {side} -0.2"/><mass value="{mass}"/>'
+    '<inertia ixx="0.02" iyy="0.02" izz="0.005" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{name}" type="continuous">'
+    '<parent link="base"/><child link="{name}_link"/><axis xyz="0 1 0"/></joint>'
+)
+
+
+def legs(folder: Path, **masses: float) -> Rig:
+    """Pendulums side by side, each of `masses` (kg) by its joint's name, every other one mirrored."""
+    made = [LEG.format(name=name, side=0.03 * (-1) ** index, mass=mass) for index, (name, mass) in enumerate(masses.items())]
+    (folder / "legs.urdf").write_text(f'<robot name="legs"><link name="base"/>{"".join(made)}</robot>')
+    given = {"robot": "legs.urdf", "timestep": 0.001, "record_period": 0.01, "joints": {name: {"mode": "torque"} for name in masses}}
+    (folder / "rig.yaml").write_text(yaml.safe_dump(given))
+    return read_rig(folder / "rig.yaml")
+
+
 def write_case(
     folder: Path,
     effects: Sequence[Effect] = (),

@@ -13,7 +13,7 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import CoulombFriction, Effect, InertiaScale, Payload, StribeckFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, InertiaScale, Payload, StribeckFriction
 
 from ..conftest import posed, searching
 
@@ -39,6 +39,13 @@ def test_an_effect_that_another_has_made_needless_goes_and_the_other_stays(trial
 
 def test_an_effect_that_adds_nothing_is_not_taken_in(trials: Trials) -> None:
     assert _without_idle(trials, trials.polished([[HIDDEN, InertiaScale("lower", 1.2)]])) == []
+
+
+def test_a_model_that_was_found_beside_drafts_keeps_what_windows_hardly_show(trials: Trials) -> None:
+    """That of all joints of a quadruped was thrown away for the last of its fifty effects."""
+    (draft,) = trials.refined(trials.fitter, [trials.fitter.at([InertiaScale("lower", 1.2)])])
+    beside = trials.polished([[HIDDEN, Armature("elbow", 1e-9)]])
+    assert beam._polished(trials, [draft], 1, beside)[0][0].effects[-1].name == "armature"
 
 
 def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect, Lag, Payload, ViscousFriction
 
-from ..conftest import posed
+from ..conftest import posed, searching
 
 
 def _model(damping: float, missed: float = 1.0) -> Model:
@@ -121,3 +122,10 @@ def test_what_comes_after_the_search_has_its_share_of_the_budget(seconds: float,
 
 def test_without_a_budget_the_search_has_no_end() -> None:
     assert Clock.started(None, DEFAULT.choose).deadline == np.inf
+
+
+def test_what_takes_longer_than_there_is_time_is_cut_short(rig: Rig) -> None:
+    trials = searching(posed(rig, seconds=2.0), deadline=time.monotonic() + 60.0)
+    assert not trials.cut_short("short ones", 10.0)
+    assert trials.cut_short("long ones", 100.0)
+    assert list(trials.cut) == ["long ones"]
