@@ -222,6 +222,7 @@ class VerdictSettings:
     ruled_out: float = setting(5.0, "log evidence", "odds of 150 to 1 against the model")
     unlikely: float = setting(3.0, "log evidence", "odds of 20 to 1 against the model")
     listed: int = setting(3, "models", "are named as ruled out")
+    spelled: int = setting(6, "effects", "of a model that was ruled out are listed one by one; one of more is told by what it differs in from the answer")
     where: float = setting(0.02, "share of the residual force", "joints with less are not named")
     at_noise: float = setting(1.3, "times the noise floor", "an error below it is called the noise's")
     regime: float = setting(1.8, "times the mean", "power of the residual force in a fifth of the rows, from which on it is at home there")

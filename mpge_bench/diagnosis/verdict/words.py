@@ -71,15 +71,27 @@ def summary(
         formulas = [effect for effect, _ in named if effect.is_formula]
         if formulas:
             left = "." if at_noise else ", but for what is left."
-            lines.append(f"No physics of the catalogue does that: it is a formula that the recordings follow{left}")
+            alone = len(formulas) == len(named)
+            which = "" if alone else f" what the formula of {' and '.join(dict.fromkeys(one.target for one in formulas))} says"
+            lines.append(f"No physics of the catalogue does{which or ' that'}: it is a formula that the recordings follow{left}")
         elif verdict == "partly_explained":
             lines.append("Named physics explains only part of it; see the report for where the rest shows.")
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
         if out and (named or curves):
-            lines.append("Ruled out: " + "; ".join(f"{' + '.join(one.effects)} (error {one.held_out_error:.3g})" for one in out) + ".")
+            answer = tuple(f"{effect.name}:{effect.target}" for effect in (*(effect for effect, _ in named), *curves))
+            lines.append("Ruled out: " + "; ".join(f"{_told(one.effects, answer, settings)} (error {one.held_out_error:.3g})" for one in out) + ".")
     if cut:
         lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
     return tuple(lines)
+
+
+def _told(effects: Sequence[str], answer: Sequence[str], settings: VerdictSettings) -> str:
+    """A model of `effects`; one of many by what it has beyond the `answer`, and what it lacks."""
+    more, less = ([one for one in these if one not in those] for these, those in ((effects, answer), (answer, effects)))
+    if len(effects) <= settings.spelled or len(more) + len(less) >= len(effects):
+        return " + ".join(effects)
+    differs = [f"{word} {', '.join(these)}" for word, these in (("with", more), ("without", less)) if these]
+    return " ".join(("all this", *(differs or ["with other parameters"])))
 
 
 def quiet_lines(p: str, is_chance: bool, fit: Accuracy, step: float, settings: VerdictSettings) -> tuple[str, ...]:

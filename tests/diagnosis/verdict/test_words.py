@@ -8,6 +8,7 @@ import pytest
 
 from mpge_bench.diagnosis.pipeline import diagnose_files
 from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.verdict import words
 from mpge_bench.diagnosis.verdict.result import Accuracy, Errors
 from mpge_bench.diagnosis.verdict.words import quiet_lines
 from mpge_bench.envs.effects import TorqueLimit
@@ -38,3 +39,20 @@ def test_what_only_the_held_out_recording_shows_is_said(tmp_path: Path) -> None:
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
     assert found.data["verdict"] == "no_mismatch"
     assert "give that recording first" in found.summary[2]
+
+
+ANSWER = tuple(f"{kind}:{leg}" for kind in ("coulomb_friction", "armature") for leg in ("a", "b", "c", "d"))
+
+
+@pytest.mark.parametrize(
+    ("effects", "answer", "says"),
+    [
+        (ANSWER[:2], ANSWER, "coulomb_friction:a + coulomb_friction:b"),
+        (ANSWER[:-1], ANSWER, "all this without armature:d"),
+        ((*ANSWER[1:], "payload:a"), ANSWER, "all this with payload:a without coulomb_friction:a"),
+        (ANSWER, ANSWER, "all this with other parameters"),
+        (ANSWER, ("payload:a",), " + ".join(ANSWER)),
+    ],
+)
+def test_a_model_of_many_effects_is_told_by_what_it_differs_in(effects: tuple[str, ...], answer: tuple[str, ...], says: str) -> None:
+    assert words._told(effects, answer, DEFAULT.verdict) == says
