@@ -35,7 +35,10 @@ def kinds_of(trials: Trials) -> dict[str, list[Effect]]:
 
 
 def together(trials: Trials, kinds: Kinds) -> Effects:
-    """Of `kinds`, in their order, those that help beside what was taken in before, and of these the effects that their joints need; none where none helps."""
+    """Of `kinds`, in their order, those that help beside what was taken in before, and of these the effects that their joints need.
+
+    None where none helps, or where few joints need the first that does: single effects are the shorter way then.
+    """
     misses = ExportedMisses(trials.problem, trials.problem.recordings, most=trials.settings.restarts)
     if misses(()) is None:
         return ()
@@ -44,6 +47,8 @@ def together(trials: Trials, kinds: Kinds) -> Effects:
         richer = _richer(trials, misses, point, kinds)
         if richer is None:
             break
+        if not point.effects and len(needed(trials.problem.rig, richer, trials.settings)) < trials.settings.many * len(richer.effects):
+            return ()
         point = richer
     return _without_needless(trials, misses, point).effects
 

@@ -189,6 +189,7 @@ class ChooseSettings:
     step_doubt: float = setting(0.25, "share", "of what half the physics step changes by which two fitted models have to differ to be two")
     twins: int = setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")
     restarts: int = setting(40, "stretches", "of the recordings, spread over them, by which effects are sought from recorded states")
+    many: float = setting(0.5, "share of the joints", "that need dry friction, say, from which on all kinds of what every machine has are fitted together")
     restart_looks: tuple[int, int] = setting((8, 3), "candidates", "that promise most beside all effects, or instead of each, are predicted with")
     restart_fits: tuple[int, int] = setting((4, 2), "candidates", "of these are fitted that predict best")
     restart_evaluations: int = setting(6, "evaluations", "and derivatives, of each fit")
