@@ -70,7 +70,8 @@ def completed(trials: Trials, chosen: Model) -> Model | None:
     # However late it is: without it such a model is far off.
     point = _to_the_end(trials, misses, (*effects, *lacking))
     point = _without_needless(trials, misses, point)
-    if not point.cost < (1 - settings.coarse_material) * float(before @ before):
+    # What joints that are alike have need not be shown to be there as other physics has.
+    if not point.cost < (1 - settings.material) * float(before @ before):
         return None
     try:
         return trials.add(as_it_is(trials.problem, point.effects))
