@@ -13,7 +13,7 @@ import numpy as np
 from mpge_bench.diagnosis.choose.joints import needed
 from mpge_bench.diagnosis.choose.points import Effects
 from mpge_bench.diagnosis.choose.score import idle
-from mpge_bench.diagnosis.choose.together import STAGE, kinds_of, least_gain, together
+from mpge_bench.diagnosis.choose.together import STAGE, has_many_joints, kinds_of, least_gain, together
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
@@ -32,7 +32,7 @@ def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
     if sum(map(len, kinds.values())) < 2 or trials.cut_short(STAGE):
         return None
     pair = trials.nominal, trials.fitter
-    if trials.are_far([trials.nominal]):
+    if has_many_joints(trials) and trials.are_far([trials.nominal]):
         # Of what friction holds fast no rotor shows: what explains most of the torques goes first.
         begun = together(trials, {name: kinds[name] for name in _ranked(pair, kinds)})
         if begun:

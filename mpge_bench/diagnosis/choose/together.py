@@ -25,6 +25,11 @@ Kinds = Mapping[str, Sequence[Effect]]
 STAGE = "fitting all joints at once"
 
 
+def has_many_joints(trials: Trials) -> bool:
+    """Whether one kind of physics on all joints is more than a search by single effects leads to: on fewer joints that names what each of them has."""
+    return not trials.settings.are_few(trials.problem.rig.joints)
+
+
 def kinds_of(trials: Trials) -> dict[str, list[Effect]]:
     """What every machine has, by kinds: of each where it begins on all that it acts on."""
     kinds: dict[str, list[Effect]] = {}
@@ -47,7 +52,7 @@ def together(trials: Trials, kinds: Kinds) -> Effects:
         richer = _richer(trials, misses, point, kinds)
         if richer is None:
             break
-        if not point.effects and len(needed(trials.problem.rig, richer, trials.settings)) < trials.settings.many * len(richer.effects):
+        if not point.effects and not _is_of_many(trials, richer):
             return ()
         point = richer
     return _without_needless(trials, misses, point).effects
@@ -59,7 +64,7 @@ def completed(trials: Trials, chosen: Model) -> Model | None:
     None where that predicts these no better, and of a model that is of few effects or near the noise: windows say more of such.
     """
     settings, effects = trials.settings, chosen.effects
-    if settings.are_few(effects) or chosen.overall < settings.near or not all(effect.named for effect in effects):
+    if not has_many_joints(trials) or settings.are_few(effects) or chosen.overall < settings.near or not all(effect.named for effect in effects):
         return None
     misses = ExportedMisses(trials.problem, trials.problem.recordings, most=settings.restarts)
     before = misses.in_a_row(effects)
@@ -107,17 +112,26 @@ def _to_the_end(trials: Trials, misses: ExportedMisses, effects: Effects) -> Poi
 def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> Point:
     """`point` without what it does not need, fitted anew."""
     while len(point.effects) > 1 and not trials.cut_short(STAGE):
-        kept = needed(trials.problem.rig, point, trials.settings)
+        kept = needed(trials.problem.rig, point, trials.settings, trials.settings.material)
         if len(kept) == len(point.effects):
             break
         point = _to_the_end(trials, misses, kept)
     return point
 
 
-def needed(rig: Rig, point: Point, settings: ChooseSettings) -> Effects:
+def _is_of_many(trials: Trials, point: Point) -> bool:
+    """Whether most joints need their part of a first kind, by as much as is asked far from the noise: by chance a little helps any of them."""
+    settings = trials.settings
+    return len(needed(trials.problem.rig, point, settings, settings.coarse_material)) >= settings.many * len(point.effects)
+
+
+def needed(rig: Rig, point: Point, settings: ChooseSettings, least: float) -> Effects:
     """The effects of `point` without which more would be missed of the joint that they act on, whatever the others then did: left out the idlest first.
 
     To first order. What acts on no joint has to matter to all of them together, as much as it had to when it was taken in.
+
+    Args:
+        least: share of the sum of squares of its joint's errors that an effect has to explain.
     """
     joints = len(rig.joints)
     owner = np.repeat(np.arange(len(point.effects)), [len(parameters_of(effect)) for effect in point.effects])
@@ -139,8 +153,8 @@ def needed(rig: Rig, point: Point, settings: ChooseSettings) -> Effects:
         rich, needs = missed(dropped), {}
         for index in set(range(len(point.effects))) - set(dropped):
             poor, target = missed([*dropped, index]), point.effects[index].target
-            own, least = ([rig.joints.index(target)], settings.material) if target in rig.joints else (list(range(joints)), settings.coarse_material)
-            needs[index] = float(1 - rich[own].sum() / poor[own].sum()) - least
+            own, share = ([rig.joints.index(target)], least) if target in rig.joints else (list(range(joints)), settings.coarse_material)
+            needs[index] = float(1 - rich[own].sum() / poor[own].sum()) - share
         idlest = min(needs, key=needs.__getitem__)
         if needs[idlest] > 0:
             break

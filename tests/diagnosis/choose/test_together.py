@@ -9,7 +9,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
 from mpge_bench.diagnosis.choose.points import fitted
-from mpge_bench.diagnosis.choose.together import STAGE, completed, kinds_of, needed, together
+from mpge_bench.diagnosis.choose.together import STAGE, completed, has_many_joints, kinds_of, needed, together
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is
@@ -18,18 +18,18 @@ from mpge_bench.envs.effects.vector import parameters_of
 
 from ..conftest import legs, posed, searching
 
-LEGS = ("front", "middle", "back")
-HIDDEN = tuple(effect for leg in LEGS for effect in (CoulombFriction(leg, 0.15), ViscousFriction(leg, 0.1), Armature(leg, 0.02)))
+LEGS = ("front", "second", "third", "middle", "fifth", "sixth", "back")
+HIDDEN = tuple(kind(leg, size) for leg in LEGS for kind, size in ((CoulombFriction, 0.15), (ViscousFriction, 0.1)))
 
 
 @pytest.fixture(scope="module")
-def three(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+def seven(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     return legs(tmp_path_factory.mktemp("legs"), **dict.fromkeys(LEGS, 1.0))
 
 
 @pytest.fixture(scope="module")
-def asked(three: Rig) -> Problem:
-    return posed(three, *HIDDEN, seconds=4.0, noise=1e-4)
+def asked(seven: Rig) -> Problem:
+    return posed(seven, *HIDDEN, seconds=2.0, noise=1e-4)
 
 
 def values(effects: tuple[Effect, ...]) -> dict[tuple[str, str], float]:
@@ -42,21 +42,31 @@ def test_kinds_that_joints_have_are_found_and_those_that_they_have_not_left_out(
     assert found == {key: pytest.approx(value, rel=0.1) for key, value in values(HIDDEN).items()}
 
 
+def test_on_few_joints_single_effects_are_sought(asked: Problem, rig: Rig) -> None:
+    assert has_many_joints(searching(asked))
+    assert not has_many_joints(searching(posed(rig, seconds=2.0)))
+
+
+def test_what_few_joints_need_is_left_to_a_search_by_single_effects(seven: Rig) -> None:
+    trials = searching(posed(seven, CoulombFriction("front", 1.0), ViscousFriction("front", 0.5), seconds=2.0, noise=1e-4))
+    assert together(trials, kinds_of(trials)) == ()
+
+
 def test_without_time_there_is_nothing_and_that_is_said(asked: Problem) -> None:
     trials = searching(asked, deadline=0.0)
     assert together(trials, kinds_of(trials)) == ()
     assert list(trials.cut) == [STAGE]
 
 
-def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed(three: Rig) -> None:
+def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed(seven: Rig) -> None:
     """Of all that is missed, by far the most of the front leg, the back leg's rotor explains next to nothing."""
-    asked = posed(three, CoulombFriction("front", 2.0), Armature("back", 0.01), seconds=3.0, noise=2e-4)
+    asked = posed(seven, CoulombFriction("front", 2.0), Armature("back", 0.01), seconds=3.0, noise=2e-4)
     misses = ExportedMisses(asked, asked.recordings)
     starts = (CoulombFriction("front", 0.5), Armature("back", 0.02), Armature("middle", 0.01))
     point = fitted(misses, asked.settings.fit, 12, starts)
     rough = replace(point, missed=point.missed.copy())
     rough.missed.reshape(-1, len(LEGS))[:, 0] += 0.1 / math.sqrt(len(point.missed))
-    kept = [(one.name, one.target) for one in needed(three, rough, asked.settings.choose)]
+    kept = [(one.name, one.target) for one in needed(seven, rough, asked.settings.choose, 0.01)]
     assert kept == [("coulomb_friction", "front"), ("armature", "back")]
 
 
