@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from mpge_bench.diagnosis.choose.points import Effects, Point
 from mpge_bench.diagnosis.choose.score import fallen
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of, values_of
 
@@ -44,6 +46,43 @@ def needed(problem: Problem, model: Model) -> list[Effect]:
             break
         kept.remove(idlest)
     return [model.effects[index] for index in sorted(effect for group in kept for effect in groups[group].effects)]
+
+
+def needed_as_used(rig: Rig, point: Point, settings: ChooseSettings, least: float) -> Effects:
+    """The effects of `point` without which more would be missed, from recorded states, of the joint that they act on, whatever the others did.
+
+    To first order, left out the idlest first. What acts on no joint has to matter to all of them together, as much as it had to when it was taken in.
+
+    Args:
+        least: share of the sum of squares of its joint's errors that an effect has to explain.
+    """
+    joints = len(rig.joints)
+    owner = np.repeat(np.arange(len(point.effects)), [len(parameters_of(effect)) for effect in point.effects])
+    size = np.linalg.norm(point.jacobian, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    columns, away = point.jacobian / size, (rig.absent(point.effects) - values_of(point.effects)) * size
+    away = np.where(np.isfinite(away), away, 0.0)
+    gram, along = columns.T @ columns, columns.T @ point.missed
+
+    def missed(without: list[int]) -> Array:
+        """Sum of squares of each joint, shape (joints,)."""
+        free = ~np.isin(owner, without)
+        step = np.where(free, 0.0, away)
+        step[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], (along + gram @ step)[free], rcond=1e-9)[0]
+        return np.asarray(((point.missed + columns @ step).reshape(-1, joints) ** 2).sum(0))
+
+    dropped: list[int] = []
+    while len(dropped) < len(point.effects) - 1:
+        rich, needs = missed(dropped), {}
+        for index in set(range(len(point.effects))) - set(dropped):
+            poor, target = missed([*dropped, index]), point.effects[index].target
+            own, share = ([rig.joints.index(target)], least) if target in rig.joints else (list(range(joints)), settings.coarse_material)
+            needs[index] = float(1 - rich[own].sum() / poor[own].sum()) - share
+        idlest = min(needs, key=needs.__getitem__)
+        if needs[idlest] > 0:
+            break
+        dropped.append(idlest)
+    return tuple(effect for index, effect in enumerate(point.effects) if index not in dropped)
 
 
 @dataclass(frozen=True)

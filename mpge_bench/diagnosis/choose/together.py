@@ -6,20 +6,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
+from mpge_bench.diagnosis.choose.joints import needed_as_used
 from mpge_bench.diagnosis.choose.points import Effects, Point, fitted
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of, values_of
 
-Array = npt.NDArray[np.float64]
 Kinds = Mapping[str, Sequence[Effect]]
 #: What is said to be cut short where time is up.
 STAGE = "fitting all joints at once"
@@ -112,7 +109,7 @@ def _to_the_end(trials: Trials, misses: ExportedMisses, effects: Effects) -> Poi
 def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> Point:
     """`point` without what it does not need, fitted anew."""
     while len(point.effects) > 1 and not trials.cut_short(STAGE):
-        kept = needed(trials.problem.rig, point, trials.settings, trials.settings.material)
+        kept = needed_as_used(trials.problem.rig, point, trials.settings, trials.settings.material)
         if len(kept) == len(point.effects):
             break
         point = _to_the_end(trials, misses, kept)
@@ -122,41 +119,4 @@ def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> P
 def _is_of_many(trials: Trials, point: Point) -> bool:
     """Whether most joints need their part of a first kind, by as much as is asked far from the noise: by chance a little helps any of them."""
     settings = trials.settings
-    return len(needed(trials.problem.rig, point, settings, settings.coarse_material)) >= settings.many * len(point.effects)
-
-
-def needed(rig: Rig, point: Point, settings: ChooseSettings, least: float) -> Effects:
-    """The effects of `point` without which more would be missed of the joint that they act on, whatever the others then did: left out the idlest first.
-
-    To first order. What acts on no joint has to matter to all of them together, as much as it had to when it was taken in.
-
-    Args:
-        least: share of the sum of squares of its joint's errors that an effect has to explain.
-    """
-    joints = len(rig.joints)
-    owner = np.repeat(np.arange(len(point.effects)), [len(parameters_of(effect)) for effect in point.effects])
-    size = np.linalg.norm(point.jacobian, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    columns, away = point.jacobian / size, (rig.absent(point.effects) - values_of(point.effects)) * size
-    away = np.where(np.isfinite(away), away, 0.0)
-    gram, along = columns.T @ columns, columns.T @ point.missed
-
-    def missed(without: list[int]) -> Array:
-        """Sum of squares of each joint, shape (joints,)."""
-        free = ~np.isin(owner, without)
-        step = np.where(free, 0.0, away)
-        step[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], (along + gram @ step)[free], rcond=1e-9)[0]
-        return np.asarray(((point.missed + columns @ step).reshape(-1, joints) ** 2).sum(0))
-
-    dropped: list[int] = []
-    while len(dropped) < len(point.effects) - 1:
-        rich, needs = missed(dropped), {}
-        for index in set(range(len(point.effects))) - set(dropped):
-            poor, target = missed([*dropped, index]), point.effects[index].target
-            own, share = ([rig.joints.index(target)], least) if target in rig.joints else (list(range(joints)), settings.coarse_material)
-            needs[index] = float(1 - rich[own].sum() / poor[own].sum()) - share
-        idlest = min(needs, key=needs.__getitem__)
-        if needs[idlest] > 0:
-            break
-        dropped.append(idlest)
-    return tuple(effect for index, effect in enumerate(point.effects) if index not in dropped)
+    return len(needed_as_used(trials.problem.rig, point, settings, settings.coarse_material)) >= settings.many * len(point.effects)

@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
+from mpge_bench.diagnosis.choose.joints import needed_as_used
 from mpge_bench.diagnosis.choose.points import fitted
-from mpge_bench.diagnosis.choose.together import STAGE, completed, has_many_joints, kinds_of, needed, together
+from mpge_bench.diagnosis.choose.together import STAGE, completed, has_many_joints, kinds_of, together
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is
@@ -58,7 +59,7 @@ def test_without_time_there_is_nothing_and_that_is_said(asked: Problem) -> None:
     assert list(trials.cut) == [STAGE]
 
 
-def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed(seven: Rig) -> None:
+def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed_as_used(seven: Rig) -> None:
     """Of all that is missed, by far the most of the front leg, the back leg's rotor explains next to nothing."""
     asked = posed(seven, CoulombFriction("front", 2.0), Armature("back", 0.01), seconds=3.0, noise=2e-4)
     misses = ExportedMisses(asked, asked.recordings)
@@ -66,7 +67,7 @@ def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed(seven: 
     point = fitted(misses, asked.settings.fit, 12, starts)
     rough = replace(point, missed=point.missed.copy())
     rough.missed.reshape(-1, len(LEGS))[:, 0] += 0.1 / math.sqrt(len(point.missed))
-    kept = [(one.name, one.target) for one in needed(seven, rough, asked.settings.choose, 0.01)]
+    kept = [(one.name, one.target) for one in needed_as_used(seven, rough, asked.settings.choose, 0.01)]
     assert kept == [("coulomb_friction", "front"), ("armature", "back")]
 
 
