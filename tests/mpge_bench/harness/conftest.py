@@ -1,4 +1,4 @@
-"""Methods of one's own, in modules of their own."""
+"""A run that takes seconds, and methods of one's own, in modules of their own."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import itertools
 import textwrap
 
 import pytest
+
+from mpge_bench.harness.settings import RunSettings
+
+SMOKE = RunSettings("biased_pendulum", "mpg", samples=50, preset="smoke", seed=1)
 
 MINE = """
 import numpy as np

@@ -20,7 +20,7 @@ from mpge_bench.harness.settings import RunSettings, stored_run
 from mpge_bench.harness.store import present_result
 from mpge_bench.leaderboard.results import collect
 
-SMOKE = RunSettings("biased_pendulum", "mpg", samples=50, preset="smoke", seed=1)
+from .conftest import SMOKE
 
 
 def files(folder):

@@ -11,7 +11,7 @@ import pytest
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.settings import RunSettings, stored_run
 
-SMOKE = RunSettings("biased_pendulum", "mpg", samples=50, preset="smoke", seed=1)
+from .conftest import SMOKE
 
 
 def test_what_is_no_method_is_one_line(mine):

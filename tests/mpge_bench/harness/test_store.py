@@ -13,7 +13,7 @@ from mpge_bench.harness.run import run
 from mpge_bench.harness.settings import RunSettings
 from mpge_bench.harness.store import remove_remains
 
-SMOKE = RunSettings("biased_pendulum", "mpg", samples=50, preset="smoke", seed=1)
+from .conftest import SMOKE
 
 
 def test_groundings_of_another_run_are_not_taken_up(policy_folder, tmp_path, monkeypatch):
