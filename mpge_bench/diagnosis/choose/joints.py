@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of, values_of
+from mpge_bench.envs.effects.vector import limits_of, parameters_of, values_of
 
 Array = npt.NDArray[np.float64]
 
@@ -60,14 +60,18 @@ def needed_as_used(rig: Rig, point: Point, settings: ChooseSettings, least: floa
     owner = np.repeat(np.arange(len(point.effects)), [len(parameters_of(effect)) for effect in point.effects])
     size = np.linalg.norm(point.jacobian, axis=0)
     size = np.where(size > 0, size, 1.0)
-    columns, away = point.jacobian / size, (rig.absent(point.effects) - values_of(point.effects)) * size
+    values = values_of(point.effects)
+    columns, away = point.jacobian / size, (rig.absent(point.effects) - values) * size
     away = np.where(np.isfinite(away), away, 0.0)
+    # Nothing goes beyond its bounds to make up for others: friction that is none would be less than none.
+    at_bound = np.min([np.abs(bound - values) * size for bound in limits_of(point.effects)], axis=0) < settings.material * np.linalg.norm(point.missed)
     gram, along = columns.T @ columns, columns.T @ point.missed
 
     def missed(without: list[int]) -> Array:
         """Sum of squares of each joint, shape (joints,)."""
-        free = ~np.isin(owner, without)
-        step = np.where(free, 0.0, away)
+        absent = np.isin(owner, without)
+        free = ~absent & ~at_bound
+        step = np.where(absent, away, 0.0)
         step[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], (along + gram @ step)[free], rcond=1e-9)[0]
         return np.asarray(((point.missed + columns @ step).reshape(-1, joints) ** 2).sum(0))
 
