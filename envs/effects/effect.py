@@ -357,9 +357,14 @@ class Effect:
             return f"{self.called()} at the {target}: {', '.join(f'{name} {text}' for name, text in words.items())}."
         return self.sentence.format(target=target, **words)
 
+    @property
+    def physics(self) -> tuple[str, str] | None:
+        """What it is about, of which a simulator has but one, by its name and target; None of a nameless curve."""
+        return (self.name, self.target) if self.named else None
+
     def corrects(self, other: Effect) -> bool:
         """Whether it stands in the place of `other`, of which a simulator believed in too much or too little. Nameless curves add up."""
-        return self.named and (self.name, self.target) == (other.name, other.target)
+        return self.physics is not None and self.physics == other.physics
 
     def say_instead(self, other: Effect, intervals: Mapping[str, Sequence[tuple[float, float]]], *, slide: bool = False) -> str:
         """`say`, where the rig says `other`."""

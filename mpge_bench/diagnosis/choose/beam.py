@@ -39,9 +39,7 @@ def grow(trials: Trials, screening: Screening) -> None:
         levels = trials.levels([model for model, _ in grown])
         near = settings.held if levels[0] < settings.held else settings.half_truth
         beam = [pair for pair, level in zip(grown, levels, strict=True) if level < near * levels[0]][: settings.beam]
-        # Beside a model of all joints a round takes as long as what led to it.
-        seconds = 0.0 if settings.are_few(beam[0][0].effects) else time.monotonic() - begun
-        if trials.cut_short("combining effects", seconds):
+        if trials.cut_short("combining effects", trials.another(beam[0][0].effects, begun)):
             break
         rest = screen(beam[0][1], trials.candidates, grown[0][0].fit, draws=trials.problem.settings.fit.draws_left)
         is_chance = rest.p_value >= settings.significance and rest.odds < settings.doubtless

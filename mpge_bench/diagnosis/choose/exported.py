@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.predict.bullet import stretches, with_a_past
+from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import RestartedRecording
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
 from mpge_bench.diagnosis.settings import FitSettings
@@ -25,8 +27,10 @@ Array = npt.NDArray[np.float64]
 
 #: Effects -> root mean square error of all positions, predicted with them.
 ExportedError = Callable[[tuple[Effect, ...]], float]
-#: Function, what it shares, items -> what it makes of each, all of them, side by side or one after another.
+#: Function, what it shares, items -> what it makes of each, all of them: `Workers.each`.
 Each = Callable[[Callable[..., Any], tuple[Any, ...], Sequence[Any]], list[Any]]
+#: This process alone, one after another.
+IN_TURN: Each = Workers(1).each
 
 
 class ExportedMisses:
@@ -84,13 +88,8 @@ def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Se
     return sought(ExportedMisses(problem, recordings), effects, settings.evaluations, settings, each)[0]
 
 
-def in_turn(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
-    """As a pool of processes does, by this one alone."""
-    return [work(*shared, item) for item in items]
-
-
 def sought(
-    misses: ExportedMisses, effects: Sequence[Effect], evaluations: int, settings: FitSettings, each: Each = in_turn
+    misses: ExportedMisses, effects: Sequence[Effect], evaluations: int, settings: FitSettings, each: Each = IN_TURN
 ) -> tuple[tuple[Effect, ...], Array, Array]:
     """`effects` with parameters, sought from their own by least squares, with which `misses` are least.
 
@@ -105,18 +104,25 @@ def sought(
     # Dry friction makes such errors rough.
     rough = np.maximum(settings.rough, [step for effect in effects for step in steps_of(effect)])
 
+    # Derivatives are asked for where the errors were asked for last.
+    last: Memory[bytes, Array | None] = Memory(1)
+
+    def at(z: Array) -> Array | None:
+        return last.get(z.tobytes(), lambda: misses.in_a_row(rebuild(effects, z * size)))
+
     def missed(z: Array) -> Array:
-        found = misses.in_a_row(rebuild(effects, z * size))
+        found = at(z)
         return misses.all_by(settings.unstable) if found is None else found
 
     def derivatives(z: Array) -> Array:
         # Shares of the parameter, but where there is next to nothing of it.
         step = rough * np.maximum(np.abs(z), rough) * np.where(z < 0, -1.0, 1.0)
         step = np.where((z + step < bounds[0]) | (z + step > bounds[1]), -step, step)
-        at, *moved = each(ExportedMisses.in_a_row, (misses,), [rebuild(effects, one * size) for one in (z, *(z + np.diag(step)))])
-        if at is None:
-            return np.zeros((len(misses.all_by(0.0)), len(z)))
-        columns = [np.zeros_like(at) if there is None else (there - at) / by for there, by in zip(moved, step, strict=True)]
+        here = at(z)
+        if here is None:
+            return np.zeros((len(missed(z)), len(z)))
+        moved = each(ExportedMisses.in_a_row, (misses,), [rebuild(effects, one * size) for one in z + np.diag(step)])
+        columns = [np.zeros_like(here) if there is None else (there - here) / by for there, by in zip(moved, step, strict=True)]
         return np.stack(columns, axis=1)
 
     best = least_squares(

@@ -27,7 +27,6 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
     """`chosen` or, where that predicts validation recordings much better, a formula at each of some joints with the named physics still needed beside it."""
     seconds = 0.0
     for _ in trials.problem.rig.joints:
-        # Beside a model of all joints each takes long.
         if trials.is_clean(chosen) or trials.cut_short("formulas", seconds):
             break
         begun = time.monotonic()
@@ -35,7 +34,7 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
         if rich is None or not (is_told(rich) and _is_much_better(trials, chosen, rich) and trials.no_worse(rich, chosen)) or _is_slight(trials, rich):
             break
         chosen = needed(trials, rich)
-        seconds = 0.0 if trials.settings.are_few(chosen.effects) else time.monotonic() - begun
+        seconds = trials.another(chosen.effects, begun)
     return _in_place_of_named(trials, chosen, seconds)
 
 

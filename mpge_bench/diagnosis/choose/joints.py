@@ -27,24 +27,18 @@ def needed(problem: Problem, model: Model) -> list[Effect]:
     """
     settings, groups = problem.settings.choose, _groups(problem, model.effects)
     missed = _left_out(problem, model)
-    kept = list(range(len(groups)))
     # Far from the noise windows differ too much for two standard errors.
     errors = settings.errors if model.overall < settings.coarse else settings.coarse_errors
 
     def without(*indices: int) -> Array:
         return missed([effect for index in indices for effect in groups[index].effects])
 
-    while len(kept) > 1:
-        dropped = [index for index in range(len(groups)) if index not in kept]
-        rich, needs = without(*dropped), {}
-        for index in kept:
-            share, error = fallen(*(np.sqrt((one[:, groups[index].joints] ** 2).mean(1)) for one in (without(*dropped, index), rich)))
-            # By how much more than is material it lowers what is missed there.
-            needs[index] = min(share - settings.material, share - errors * error)
-        idlest = min(kept, key=needs.__getitem__)
-        if needs[idlest] > 0:
-            break
-        kept.remove(idlest)
+    def need(index: int, dropped: list[int], rich: Array) -> float:
+        share, error = fallen(*(np.sqrt((one[:, groups[index].joints] ** 2).mean(1)) for one in (without(*dropped, index), rich)))
+        # By how much more than is material it lowers what is missed there.
+        return min(share - settings.material, share - errors * error)
+
+    kept = _kept(len(groups), lambda dropped: without(*dropped), need)
     return [model.effects[index] for index in sorted(effect for group in kept for effect in groups[group].effects)]
 
 
@@ -65,28 +59,50 @@ def needed_as_used(rig: Rig, point: Point, settings: ChooseSettings, least: floa
     away = np.where(np.isfinite(away), away, 0.0)
     # Nothing goes beyond its bounds to make up for others: friction that is none would be less than none.
     at_bound = np.min([np.abs(bound - values) * size for bound in limits_of(point.effects)], axis=0) < settings.material * np.linalg.norm(point.missed)
-    gram, along = columns.T @ columns, columns.T @ point.missed
+    gram, along = columns.T @ columns, -columns.T @ point.missed
 
     def missed(without: list[int]) -> Array:
         """Sum of squares of each joint, shape (joints,)."""
         absent = np.isin(owner, without)
-        free = ~absent & ~at_bound
-        step = np.where(absent, away, 0.0)
-        step[free] = -np.linalg.lstsq(gram[np.ix_(free, free)], (along + gram @ step)[free], rcond=1e-9)[0]
+        step = _step(gram, along, np.where(absent, away, 0.0), ~absent & ~at_bound)
         return np.asarray(((point.missed + columns @ step).reshape(-1, joints) ** 2).sum(0))
 
-    dropped: list[int] = []
-    while len(dropped) < len(point.effects) - 1:
-        rich, needs = missed(dropped), {}
-        for index in set(range(len(point.effects))) - set(dropped):
-            poor, target = missed([*dropped, index]), point.effects[index].target
-            own, share = ([rig.joints.index(target)], least) if target in rig.joints else (list(range(joints)), settings.coarse_material)
-            needs[index] = float(1 - rich[own].sum() / poor[own].sum()) - share
-        idlest = min(needs, key=needs.__getitem__)
+    def need(index: int, dropped: list[int], rich: Array) -> float:
+        poor, target = missed([*dropped, index]), point.effects[index].target
+        own, share = ([rig.joints.index(target)], least) if target in rig.joints else (list(range(joints)), settings.coarse_material)
+        return float(1 - rich[own].sum() / poor[own].sum()) - share
+
+    return tuple(point.effects[index] for index in _kept(len(point.effects), missed, need))
+
+
+def _kept(count: int, without: Callable[[list[int]], Array], need: Callable[[int, list[int], Array], float]) -> list[int]:
+    """Which of `count` things are needed: the idlest is dropped as long as it is not, the last one never.
+
+    Args:
+        without: what is missed without those that are dropped.
+        need: by how much more than it has to the thing of an index lowers what is missed without it beside those dropped, to what is missed without these.
+    """
+    kept = list(range(count))
+    while len(kept) > 1:
+        dropped = [index for index in range(count) if index not in kept]
+        rich = without(dropped)
+        needs = {index: need(index, dropped, rich) for index in kept}
+        idlest = min(kept, key=needs.__getitem__)
         if needs[idlest] > 0:
             break
-        dropped.append(idlest)
-    return tuple(effect for index, effect in enumerate(point.effects) if index not in dropped)
+        kept.remove(idlest)
+    return kept
+
+
+def _step(gram: Array, along: Array, given: Array, free: npt.NDArray[np.bool_]) -> Array:
+    """Changes of parameters, shape (parameters,): `given` and, of those that are `free`, what explains most beside it by least squares.
+
+    Args:
+        gram, along: products of the parameters' columns with each other and with what is to be explained.
+    """
+    step = given.copy()
+    step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ step)[free], rcond=1e-9)[0]
+    return step
 
 
 @dataclass(frozen=True)
@@ -136,8 +152,7 @@ def _left_out(problem: Problem, model: Model) -> Callable[[list[int]], Array]:
 
     def missed(without: list[int]) -> Array:
         free = ~np.isin(owner, without)
-        step = np.where(free, 0.0, away)
-        step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ step)[free], rcond=1e-9)[0]
+        step = _step(gram, along, np.where(free, 0.0, away), free)
         left = model.fit.residuals - np.tensordot(step, jacobian, 1)
         return np.asarray(np.sqrt((left.reshape(len(left), -1, 2, len(problem.rig.joints)) ** 2).mean((1, 2)) + 1e-9))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.exported import Each, ExportedMisses, in_turn, sought
+from mpge_bench.diagnosis.choose.exported import IN_TURN, Each, ExportedMisses, sought
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import FitSettings
 from mpge_bench.envs.effects import Effect
@@ -34,7 +34,7 @@ class Point:
         return float(self.missed @ self.missed)
 
 
-def fitted(misses: ExportedMisses, settings: FitSettings, evaluations: int, effects: Effects, each: Each = in_turn) -> Point:
+def fitted(misses: ExportedMisses, settings: FitSettings, evaluations: int, effects: Effects, each: Each = IN_TURN) -> Point:
     """`effects`, with which the simulation is stable, fitted with so many `evaluations` and derivatives at most, these by `each`; none as they are."""
     if not effects:
         missed = misses.in_a_row(())

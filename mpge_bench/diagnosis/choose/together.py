@@ -68,7 +68,8 @@ def completed(trials: Trials, chosen: Model) -> Model | None:
     if before is None:
         return None
     present = Counter(effect.name for effect in effects)
-    lacking = [one for name, starts in kinds_of(trials).items() if 2 * present[name] > len(starts) for one in starts if not key([one]) <= chosen.key]
+    usual = [starts for name, starts in kinds_of(trials).items() if present[name] > settings.many * len(starts)]
+    lacking = [one for starts in usual for one in starts if not key([one]) <= chosen.key]
     # However late it is: without it such a model is far off.
     point = _to_the_end(trials, misses, (*effects, *lacking))
     point = _without_needless(trials, misses, point)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -112,6 +113,10 @@ class Trials:
         if late:
             self.cut[stage] = None
         return late
+
+    def another(self, effects: Sequence[Effect], begun: float) -> float:
+        """Seconds that another round beside `effects` takes: of all joints as long as the one that `begun`, s of the monotonic clock; else no matter."""
+        return 0.0 if self.settings.are_few(effects) else time.monotonic() - begun
 
     @contextmanager
     def growing(self) -> Iterator[None]:

@@ -251,8 +251,8 @@ def _described(path: Path, data: Mapping[str, Any]) -> Rig:
 
 def _uncorrected(own: Sequence[Effect], effects: Sequence[Effect]) -> list[Effect]:
     """Those of `own` that none of `effects` stands in the place of."""
-    corrected = {(effect.name, effect.target) for effect in effects if effect.named}
-    return [one for one in own if (one.name, one.target) not in corrected]
+    corrected = {effect.physics for effect in effects} - {None}
+    return [one for one in own if one.physics not in corrected]
 
 
 def _motors_and_losses(path: Path, joints: Mapping[str, Any], model: Model) -> list[Effect]:
