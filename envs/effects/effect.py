@@ -182,6 +182,8 @@ class Effect:
     swings: ClassVar[bool] = False
     #: True where it needs a motor: it says nothing of a passive joint.
     needs_motor: ClassVar[bool] = False
+    #: True where it is a part of the motor: on a passive joint it can be put, but recordings of one are not searched for it.
+    in_motor: ClassVar[bool] = False
     #: True where it is searched for from transitions of whole states alone: recordings of joints hardly tell its parameters apart, or have a twin of it.
     asks_states: ClassVar[bool] = False
     #: True where the target ``"*"`` stands for all links or, of what acts on joints, for all of a rig's that have a motor.

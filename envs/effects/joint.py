@@ -228,6 +228,7 @@ class Armature(Effect):
     }
     adds = True
     everywhere = True
+    in_motor = True
     on = "joint"
     parameters = {"inertia": Parameter("kg m²", 0.0, 1e4)}
     steady = True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mpge_bench.diagnosis.choose.score import idle, means_something
+from mpge_bench.diagnosis.choose.score import idle, is_doubtless, means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -18,14 +18,25 @@ def simplest(trials: Trials) -> Model:
 
     None that predicts worse in the simulator as it is exported than the simulator without it.
     """
-    levels = trials.levels(trials.models)
-    near = (1 + trials.settings.material) * min(levels)
-    # What validation windows hardly show, as a limit that they do not reach, is told by the others.
-    best = [one for one, level in zip(trials.models, levels, strict=True) if level <= near]
-    equal = [one for one in trials.models if not any(trials.is_better(one, other) for other in best)]
-    equal.sort(key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
-    chosen = next((one for one in equal if trials.no_worse(one, trials.nominal)), trials.nominal)
+    models, chosen = list(trials.models), trials.nominal
+    while models:
+        equal = _unbeaten(trials, models)
+        used = [one for one in equal if trials.no_worse(one, trials.nominal)]
+        if used or not equal:
+            chosen = used[0] if used else chosen
+            break
+        # What is not to be had beats nobody.
+        taken = set(map(id, equal))
+        models = [one for one in models if id(one) not in taken]
     return plainer(trials, needed(trials, chosen))
+
+
+def _unbeaten(trials: Trials, models: Sequence[Model]) -> list[Model]:
+    """Those of `models` that none of the nearest beats: the surest, of fewest parameters, first."""
+    # What validation windows hardly show, as a limit that they do not reach, is told by the others.
+    best = trials.nearest(models)
+    equal = [one for one in models if not any(trials.is_better(one, other) for other in best)]
+    return sorted(equal, key=lambda one: (one.unsure, len(one.effects), one.parameters, one.validation))
 
 
 def needed(trials: Trials, chosen: Model) -> Model:
@@ -37,20 +48,29 @@ def needed(trials: Trials, chosen: Model) -> Model:
         fewer = [[other for other in chosen.effects if other is not effect] for effect in chosen.effects]
         fitter, known = problem.fitter(chosen.effects), trials.known()
         roughly = trials.each(_roughly, (fitter,), [effects for effects in fewer if key(effects) not in known])
-        for less, _ in trials.polished([effects for effects, cost in roughly if cost < _near(trials, chosen)]):
-            trials.add(less)
+        # What was better before may have been so by how far it was fitted: fewer that are as near are fitted from where these are, too.
+        again = [effects for effects in fewer if key(effects) in known and known[key(effects)].train < _near(trials, chosen)]
+        for less, _ in trials.polished([*again, *(effects for effects, cost in roughly if cost < _near(trials, chosen))]):
+            before = known.get(less.key)
+            if before is None or less.overall < before.overall:
+                trials.add(less)
         known = trials.known()
-        kept = [known[key(effects)] for effects in fewer if key(effects) in known and not trials.is_better(known[key(effects)], chosen)]
+        kept = [known[key(effects)] for effects in fewer if key(effects) in known and not _beats(trials, known[key(effects)], chosen)]
         if not kept:
             break
         chosen = min(kept, key=lambda one: one.validation)
     return chosen
 
 
+def _beats(trials: Trials, less: Model, chosen: Model) -> bool:
+    """Whether `chosen` is better than `less`, without a doubt where its own intervals leave more of its effects in doubt."""
+    return trials.is_better(less, chosen) and (chosen.unsure <= less.unsure or is_doubtless(trials.problem, less, chosen))
+
+
 def without_idle(trials: Trials, chosen: Model) -> Model:
     """`chosen` without all that is idle at once, fitted from where it was: beside a formula most of what stood in for it on a dozen joints is.
 
-    Where all of it is, no effect is left.
+    In the place of what does nothing beyond an effect that it contains that one is left; where all of it is idle, no effect.
 
     What does next to nothing may have led the others to parameters that they would not have come to without it.
     """
@@ -59,6 +79,7 @@ def without_idle(trials: Trials, chosen: Model) -> Model:
         kept = [effect for effect in chosen.effects if effect not in useless]
         if not useless:
             break
+        kept += [plain for effect in useless for plain in _kin(trials, effect, effect.contains, chosen.effects)[:1]]
         less = trials.add(trials.converged(*trials.polished([kept])[0])[0]) if kept else trials.nominal
         if all(means_something(trials.problem, effect) for effect in useless) and trials.is_better(less, chosen):
             break
@@ -79,14 +100,11 @@ def _roughly(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) 
 def plainer(trials: Trials, chosen: Model) -> Model:
     """`chosen` with an effect's plainer kin in its place, where that predicts as well."""
     problem = trials.problem
-    starts = {(one.name, one.target): one.starts[0] for one in trials.candidates}
     fitter: LinearFitter | None = None
     for effect in chosen.effects:
         others = [other for other in chosen.effects if other is not effect]
-        for name in effect.plainer():
-            if (name, effect.target) not in starts or any((other.name, other.target) == (name, effect.target) for other in others):
-                continue
-            kin = [*others, starts[name, effect.target]]
+        for start in _kin(trials, effect, effect.plainer(), others):
+            kin = [*others, start]
             plain = trials.known().get(key(kin))
             if plain is None:
                 if trials.cut_short("trying plainer effects"):
@@ -98,3 +116,10 @@ def plainer(trials: Trials, chosen: Model) -> Model:
             if not trials.is_better(plain, chosen):
                 return plainer(trials, plain)
     return chosen
+
+
+def _kin(trials: Trials, effect: Effect, names: Sequence[str], others: Sequence[Effect]) -> list[Effect]:
+    """Effects of such `names` where `effect` acts, as a search for them starts, that are none of `others`."""
+    starts = {one.label: one.starts[0] for one in trials.candidates}
+    labels = [f"{name}:{effect.target}" for name in names]
+    return [starts[one] for one in labels if one in starts and one not in key(others)]

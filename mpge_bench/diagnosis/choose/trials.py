@@ -151,6 +151,17 @@ class Trials:
             return [one.validation for one in models]
         return [(self._used(one.effects) / self._floor) ** 2 for one in models]
 
+    def nearest(self, models: Sequence[Model]) -> list[Model]:
+        """Of `models` those that miss next to nothing more than the one that misses least.
+
+        Of windows by the room of whichever of the two leaves itself more.
+        """
+        levels = self.levels(models)
+        first, least, held = models[int(np.argmin(levels))], 1 + self.settings.material, self.problem.choosing
+        if self.are_far(models):
+            return [one for one, level in zip(models, levels, strict=True) if level <= least * min(levels)]
+        return [one for one in models if one.level_beside(first, held) <= least * first.level_beside(one, held)]
+
     def are_far(self, models: Sequence[Model]) -> bool:
         """Whether even the best of `models` is far from what noise and physics step make: of what models are chosen by, in windows and as exported."""
         if min((one.validation for one in models), default=0.0) < self.settings.coarse:
@@ -169,7 +180,10 @@ class Trials:
             return after < (1 - least) * before
         if self._explained(simple, rich) < self.settings.step_told * self._stepped:
             return False
-        return is_better(self.problem, simple, rich) and not (materially and gain(simple, rich, self.problem.validation)[0] < least)
+        if not is_better(self.problem, simple, rich) or (materially and gain(simple, rich, self.problem.validation)[0] < least):
+            return False
+        # A small gain from the best starting states is none if more is lost from those that are recorded.
+        return self.no_worse(rich, simple, within=least) or gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
     def _explained(self, simple: Model, rich: Model) -> float:
         """What `rich` explains beyond `simple`: a sum of squares in standard deviations of the noise."""

@@ -119,7 +119,8 @@ def candidate_targets(rig: Rig, name: str) -> tuple[str, ...]:
         return ("world",)
     if kind.on == "link":
         return rig.model.moving_links()
-    every = rig.driven if kind.needs_motor else rig.joints
+    said = {own.target for own in rig.nominal if own.name == name}
+    every = tuple(one for one in rig.joints if one in rig.driven or one in said or not (kind.needs_motor or kind.in_motor))
     return (*every, "*") if kind.takes_all and len(rig.driven) > 1 else every
 
 

@@ -310,9 +310,21 @@ class WindowPredictor:
         # Sensors may look back beyond the window's start.
         back = int(np.ceil(sum(effect.looks_back or 0.0 for effect in sensors) / motion.period)) + 1
         rows = self.windows.start[:, None] + np.arange(-back, self.windows.length + 1)
-        state = motion.state[self.windows.recording[:, None], np.maximum(rows, 0)]
+        at = self.windows.recording[:, None], np.maximum(rows, 0)
+        state, time = motion.state[at], motion.time[at]
+        state[:, : back + 1] = self._leading(state[:, : back + 1], time[:, : back + 1] - time[:, back : back + 1])
         state[:, back:] = self.state
         q, dq = layout.q(state).copy(), layout.dq(state).copy()
         for effect in sensors:
             effect.sense(q, dq, self.linear.rig.joints.index(effect.target), motion.period)
         return np.asarray(layout.state(q, dq) - state)[:, back:]
+
+    def _leading(self, earlier: Array, time: Array) -> Array:
+        """States `earlier`, shape (windows, rows, 2 j), at a `time` of 0 or less, moved so that the last one, at 0, is where the window begins.
+
+        A late sensor would read a jump from the smoothed recording to the prediction as a velocity of many times the noise.
+        """
+        layout, shift = self.linear.motion.layout, self.state[:, :1] - earlier[:, -1:]
+        found: Array = earlier + shift
+        layout.q(found)[:] += time[..., None] * layout.dq(shift)
+        return found

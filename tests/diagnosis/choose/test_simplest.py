@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose import simplest as simplest_module
 from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
 from mpge_bench.diagnosis.choose.simplest import needed, simplest
@@ -14,7 +15,7 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
-from mpge_bench.envs.effects import Armature, Delay, JointElasticity, Payload, SensorDelay
+from mpge_bench.envs.effects import Armature, Backlash, Delay, JointElasticity, Payload, SensorDelay
 
 from ..conftest import posed, searching
 
@@ -73,3 +74,52 @@ def test_what_validation_windows_do_not_show_is_told_by_the_others(trials: Trial
     poor = replace(trials.nominal, missed=np.where(shown, 60.0, 1.0) * rich.missed, tolerance=rich.tolerance, validation=0.9999 * rich.validation)
     trials.models[0] = trials.nominal = poor
     assert simplest(trials).key == rich.key
+
+
+def test_a_model_is_not_nearest_because_it_leaves_itself_more_room(trials: Trials) -> None:
+    """A lag, of which half the physics step changes more than of a delay, was said to be nearer than the delay that was there, and it was 8% farther."""
+    right = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
+    roomy = replace(right, fit=replace(right.fit, effects=(Delay("elbow", 0.01),)), tolerance=2 * right.tolerance, missed=0.6 * right.missed)
+    trials.add(replace(roomy, validation=0.6 * right.validation))
+    assert trials.levels(trials.models)[2] < trials.levels(trials.models)[1]
+    trials._stepped = 0.0
+    assert simplest(trials).key == right.key
+
+
+def test_what_is_no_better_than_nothing_as_exported_stands_in_nobodys_way(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a rotor nothing was said, since play beat it that was of no use itself."""
+    right = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
+    useless = trials.add(replace(right, fit=replace(right.fit, effects=(Delay("elbow", 0.01),)), missed=0.8 * right.missed, validation=0.8 * right.validation))
+    monkeypatch.setattr(trials, "no_worse", lambda rich, simple, *, within=0.0: rich is not useless)
+    assert simplest(trials).key == right.key
+    # Of no use is what there is.
+    monkeypatch.setattr(trials, "no_worse", lambda rich, simple, *, within=0.0: False)
+    assert simplest(trials) is trials.nominal
+
+
+def test_what_does_nothing_beyond_what_it_contains_leaves_that(trials: Trials) -> None:
+    """Play of a hundred thousandth of a radian before the rotor that was there: both were left out."""
+    found = needed(trials, as_it_is(trials.problem, (Backlash("elbow", 2e-6, 0.02),)))
+    (rotor,) = found.effects
+    assert isinstance(rotor, Armature)
+    assert rotor.inertia == pytest.approx(0.02, rel=0.02)
+
+
+def test_what_was_fitted_badly_before_is_fitted_again_before_more_is_needed(trials: Trials) -> None:
+    trials.add(as_it_is(trials.problem, (Armature("elbow", 0.0195),)))
+    more = as_it_is(trials.problem, (Armature("elbow", 0.02), Payload("upper", 0.002, 0.2)))
+    (rotor,) = needed(trials, more).effects
+    assert isinstance(rotor, Armature)
+    assert rotor.inertia == pytest.approx(0.02, rel=0.005)
+
+
+def test_an_effect_that_may_as_well_not_be_there_needs_evidence_that_leaves_no_doubt(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside play and a pole's inertia, both right, a lag of .0005 s was named, with an interval from none to .004 s."""
+    less = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
+    unsure = as_it_is(trials.problem, (Armature("elbow", 0.02), Payload("upper", 0.001, 0.2)))
+    unsure = replace(unsure, standard_errors=np.array([1e-6, 1.0, 1.0]))
+    assert unsure.unsure == 1
+    monkeypatch.setattr(trials, "is_better", lambda simple, rich, **_: rich is unsure)
+    for doubtless in (False, True):
+        monkeypatch.setattr(simplest_module, "is_doubtless", lambda *_, doubtless=doubtless: doubtless)
+        assert needed(trials, unsure).key == (unsure if doubtless else less).key

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from mpge_bench.diagnosis.predict.torques import joint_torques
 from mpge_bench.envs import ROBOTS
 from mpge_bench.envs.effects import (
     CATALOGUE,
+    Armature,
     CoulombFriction,
     DcMotor,
     Delay,
@@ -273,6 +275,9 @@ def test_effects_act_on_what_they_can_act_on(tmp_path: Path) -> None:
     assert candidate_targets(rig, "gravity") == ("world",)
     # There is but one motor, which is all.
     assert candidate_targets(rig, "delay") == ("shoulder",)
+    # Where there is no motor there is no rotor, unless the rig says so.
+    assert candidate_targets(rig, "armature") == ("shoulder",)
+    assert candidate_targets(replace(rig, nominal=(Armature("elbow", 0.01),)), "armature") == ("shoulder", "elbow")
 
 
 def test_what_acts_on_all_motors_is_the_same_on_each(tmp_path: Path) -> None:

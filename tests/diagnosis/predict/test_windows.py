@@ -19,7 +19,7 @@ from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, valid
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Delay, Effect, Gravity, Lag, SensorDelay, StribeckFriction
 
-from ..conftest import record
+from ..conftest import posed, record
 
 
 def test_p_values_of_white_noise_in_windows_are_uniform() -> None:
@@ -64,6 +64,16 @@ def test_a_late_sensor_of_the_rig_itself_looks_back_too(rig: Rig) -> None:
     rig = replace(rig, nominal=(SensorDelay("elbow", 0.015),))
     weight = WindowPredictor(reference(rig, [record(rig, seconds=2.0)]), Windows(np.array([0]), np.array([100]), 20), np.full(4, 1e-3)).weight
     assert (weight[0, :, rig.joints.index("elbow")] == 0).sum() == 3
+
+
+@pytest.mark.parametrize("seconds", [0.005, 0.015])
+def test_a_sensor_late_by_part_of_a_row_reads_no_jump_where_a_window_begins(rig: Rig, seconds: float) -> None:
+    """From the smoothed recording to the prediction, noise apart, it read a velocity of 15 times the noise: only whole rows' delays were found."""
+    predictor = posed(rig, seconds=3.0, noise=1e-3).fitter().predictor
+    speed = len(rig.joints) + rig.joints.index("elbow")
+    read = predictor.sensed([SensorDelay("elbow", seconds)])[..., speed] + predictor.state[..., speed]
+    jumps = np.abs(np.diff(read, axis=1)).mean(0)
+    assert jumps[:3].max() < 2 * jumps[3:].mean()
 
 
 @pytest.mark.parametrize(("recordings", "chosen_by"), [(1, [0]), (2, [0, 1]), (3, [2]), (4, [3])])
