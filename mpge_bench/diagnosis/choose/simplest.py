@@ -8,7 +8,6 @@ from mpge_bench.diagnosis.choose.score import idle, is_doubtless, means_somethin
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.effects import Effect
 
@@ -70,7 +69,7 @@ def _beats(trials: Trials, less: Model, chosen: Model) -> bool:
 def without_idle(trials: Trials, chosen: Model) -> Model:
     """`chosen` without all that is idle at once, fitted from where it was: beside a formula most of what stood in for it on a dozen joints is.
 
-    In the place of what does nothing beyond an effect that it contains that one is left; where all of it is idle, no effect.
+    In the place of what does nothing beyond an effect that it contains that one is left, where it does something; where all of it is idle, no effect.
 
     What does next to nothing may have led the others to parameters that they would not have come to without it.
     """
@@ -79,12 +78,20 @@ def without_idle(trials: Trials, chosen: Model) -> Model:
         kept = [effect for effect in chosen.effects if effect not in useless]
         if not useless:
             break
-        kept += [plain for effect in useless for plain in _kin(trials, effect, effect.contains, chosen.effects)[:1]]
-        less = trials.add(trials.converged(*trials.polished([kept])[0])[0]) if kept else trials.nominal
+        less = trials.add(_fitted(trials, kept)) if kept else trials.nominal
+        kin = [plain for effect in useless for plain in _kin(trials, effect, effect.contains, chosen.effects)[:1]]
+        if kin:
+            beside = trials.add(_fitted(trials, [*kept, *kin]))
+            less = beside if trials.is_better(less, beside) else less
         if all(means_something(trials.problem, effect) for effect in useless) and trials.is_better(less, chosen):
             break
         chosen = less
     return chosen
+
+
+def _fitted(trials: Trials, effects: Sequence[Effect]) -> Model:
+    """`effects` fitted to the end."""
+    return trials.converged(*trials.polished([effects])[0])[0]
 
 
 def _near(trials: Trials, chosen: Model) -> float:
@@ -112,7 +119,7 @@ def plainer(trials: Trials, chosen: Model) -> Model:
                 fitter = fitter or problem.fitter(chosen.effects)
                 if _roughly(problem, fitter, kin)[1] >= _near(trials, chosen):
                     continue
-                plain = trials.add(trials.converged(*polished(problem, kin))[0])
+                plain = trials.add(_fitted(trials, kin))
             if not trials.is_better(plain, chosen):
                 return plainer(trials, plain)
     return chosen
