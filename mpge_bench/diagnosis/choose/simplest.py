@@ -127,6 +127,5 @@ def plainer(trials: Trials, chosen: Model) -> Model:
 
 def _kin(trials: Trials, effect: Effect, names: Sequence[str], others: Sequence[Effect]) -> list[Effect]:
     """Effects of such `names` where `effect` acts, as a search for them starts, that are none of `others`."""
-    starts = {one.label: one.starts[0] for one in trials.candidates}
-    labels = [f"{name}:{effect.target}" for name in names]
-    return [starts[one] for one in labels if one in starts and one not in key(others)]
+    starts = {one.name: one.starts[0] for one in trials.candidates if one.target == effect.target}
+    return [starts[name] for name in names if name in starts and not key([starts[name]]) & key(others)]

@@ -12,6 +12,7 @@ import numpy as np
 from mpge_bench.diagnosis.data.motion import resolution
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.hypotheses.candidates import label
 from mpge_bench.diagnosis.settings import VerdictSettings
 from mpge_bench.diagnosis.verdict.intervals import Intervals
 from mpge_bench.diagnosis.verdict.result import Accuracy, Change, MoreData, Place, Rival
@@ -78,7 +79,7 @@ def summary(
             lines.append("Named physics explains only part of it; see the report for where the rest shows.")
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
         if out and (named or curves):
-            answer = tuple(f"{effect.name}:{effect.target}" for effect in (*(effect for effect, _ in named), *curves))
+            answer = tuple(label([effect]) for effect in (*(effect for effect, _ in named), *curves))
             lines.append("Ruled out: " + "; ".join(f"{_told(one.effects, answer, settings)} (error {one.held_out_error:.3g})" for one in out) + ".")
     if cut:
         lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
