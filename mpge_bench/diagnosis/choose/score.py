@@ -49,10 +49,11 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     least, errors = (settings.material, settings.errors) if near else (settings.coarse_material, settings.coarse_errors)
     touched = int((apart & held).sum())
     told = gain(simple, rich, held)[0] if touched else np.inf
-    # Of the few validation windows that are touched a material share is a small one of all.
-    if gain(simple, rich, every)[0] <= least or told <= (least if touched > settings.few_touched else 0.0):
+    doubtless = near and is_doubtless(problem, simple, rich)
+    # Of the few validation windows that are touched a material share is a small one of all; what others leave no doubt of these may hardly show.
+    if gain(simple, rich, every)[0] <= least or told <= (0.0 if touched <= settings.few_touched or doubtless else least):
         return False
-    return share > errors * error or (near and is_doubtless(problem, simple, rich))
+    return doubtless or share > errors * error
 
 
 def is_doubtless(problem: Problem, simple: Model, rich: Model) -> bool:
