@@ -194,6 +194,11 @@ class Trials:
         """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`, but for a share `within` of the error."""
         return self._exported(rich.effects) <= (1 + within) * self._exported(simple.effects)
 
+    def loses(self, rich: Model, simple: Model) -> bool:
+        """Whether `rich`, as it would be exported, misses a tenth more than `simple` of what models are chosen by, and by more than noise and step make."""
+        more, less = (self._exported(one.effects) ** 2 for one in (rich, simple))
+        return more > (1 + self.settings.coarse_material) ** 2 * less and more - less > self._floor**2
+
     def known(self) -> dict[frozenset[str], Model]:
         """The last model of each set of effects."""
         return {one.key: one for one in self.models}

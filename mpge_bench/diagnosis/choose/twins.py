@@ -206,8 +206,7 @@ def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: s
             break
         model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
         # Starting states hide that a sensor is late, which is no motor's delay: from those that are recorded it is told.
-        used_as_well = trials.no_worse(model, trials.nominal) and trials.no_worse(model, chosen, within=trials.settings.coarse_material)
-        if used_as_well and not trials.is_better(model, chosen):
+        if trials.no_worse(model, trials.nominal) and not trials.loses(model, chosen) and not trials.is_better(model, chosen):
             return model
     return None
 
