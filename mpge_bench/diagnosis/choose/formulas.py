@@ -87,7 +87,7 @@ def lone_formula(trials: Trials) -> Model | None:
     # In the linearised simulator, along the recorded motion: an unpolished fit may lead the simulator itself far astray.
     if best is None or trials.fitter.chi_square(best.cost) > settings.coarse:
         return None
-    model = trials.converged(*trials.polished([best.effects])[0])[0]
+    model = trials.to_the_end(best.effects)
     return trials.add(model) if model.overall < settings.coarse and is_told(model) else None
 
 

@@ -47,11 +47,12 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     # Where much more than the noise is missed anyway, small gains mend what is wrong elsewhere, and windows differ too much for two standard errors.
     near = rich.overall < settings.coarse
     least, errors = (settings.material, settings.errors) if near else (settings.coarse_material, settings.coarse_errors)
-    touched = int((apart & held).sum())
+    if gain(simple, rich, every)[0] <= least:
+        return False
+    doubtless, touched = near and is_doubtless(problem, simple, rich), int((apart & held).sum())
     told = gain(simple, rich, held)[0] if touched else np.inf
-    doubtless = near and is_doubtless(problem, simple, rich)
     # Of the few validation windows that are touched a material share is a small one of all; what others leave no doubt of these may hardly show.
-    if gain(simple, rich, every)[0] <= least or told <= (0.0 if touched <= settings.few_touched or doubtless else least):
+    if told <= (0.0 if touched <= settings.few_touched or doubtless else least):
         return False
     return doubtless or share > errors * error
 

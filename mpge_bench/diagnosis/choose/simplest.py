@@ -17,17 +17,17 @@ def simplest(trials: Trials) -> Model:
 
     None that predicts worse in the simulator as it is exported than the simulator without it.
     """
-    models, chosen = list(trials.models), trials.nominal
-    while models:
-        equal = _unbeaten(trials, models)
-        used = [one for one in equal if trials.no_worse(one, trials.nominal)]
-        if used or not equal:
-            chosen = used[0] if used else chosen
-            break
-        # What is not to be had beats nobody.
-        taken = set(map(id, equal))
-        models = [one for one in models if id(one) not in taken]
-    return plainer(trials, needed(trials, chosen))
+    return plainer(trials, needed(trials, _of_use(trials, trials.models)))
+
+
+def _of_use(trials: Trials, models: Sequence[Model]) -> Model:
+    """The first of those of `models` that none beats which predicts no worse as it is exported than the nominal one; that where there is none."""
+    equal = _unbeaten(trials, models) if models else []
+    if not equal:
+        return trials.nominal
+    found = next((one for one in equal if trials.no_worse(one, trials.nominal)), None)
+    # What is not to be had beats nobody.
+    return found or _of_use(trials, [one for one in models if not any(one is other for other in equal)])
 
 
 def _unbeaten(trials: Trials, models: Sequence[Model]) -> list[Model]:
@@ -48,13 +48,13 @@ def needed(trials: Trials, chosen: Model) -> Model:
         fitter, known = problem.fitter(chosen.effects), trials.known()
         roughly = trials.each(_roughly, (fitter,), [effects for effects in fewer if key(effects) not in known])
         # What was better before may have been so by how far it was fitted: fewer that are as near are fitted from where these are, too.
-        again = [effects for effects in fewer if key(effects) in known and known[key(effects)].train < _near(trials, chosen)]
-        for less, _ in trials.polished([*again, *(effects for effects, cost in roughly if cost < _near(trials, chosen))]):
+        again = [(effects, known[key(effects)].train) for effects in fewer if key(effects) in known]
+        for less, _ in trials.polished([effects for effects, level in (*again, *roughly) if level < _near(trials, chosen)]):
             before = known.get(less.key)
             if before is None or less.overall < before.overall:
                 trials.add(less)
         known = trials.known()
-        kept = [known[key(effects)] for effects in fewer if key(effects) in known and not _beats(trials, known[key(effects)], chosen)]
+        kept = [less for less in map(known.get, map(key, fewer)) if less and not _beats(trials, less, chosen)]
         if not kept:
             break
         chosen = min(kept, key=lambda one: one.validation)
@@ -78,20 +78,15 @@ def without_idle(trials: Trials, chosen: Model) -> Model:
         kept = [effect for effect in chosen.effects if effect not in useless]
         if not useless:
             break
-        less = trials.add(_fitted(trials, kept)) if kept else trials.nominal
+        less = trials.add(trials.to_the_end(kept)) if kept else trials.nominal
         kin = [plain for effect in useless for plain in _kin(trials, effect, effect.contains, chosen.effects)[:1]]
         if kin:
-            beside = trials.add(_fitted(trials, [*kept, *kin]))
+            beside = trials.add(trials.to_the_end([*kept, *kin]))
             less = beside if trials.is_better(less, beside) else less
         if all(means_something(trials.problem, effect) for effect in useless) and trials.is_better(less, chosen):
             break
         chosen = less
     return chosen
-
-
-def _fitted(trials: Trials, effects: Sequence[Effect]) -> Model:
-    """`effects` fitted to the end."""
-    return trials.converged(*trials.polished([effects])[0])[0]
 
 
 def _near(trials: Trials, chosen: Model) -> float:
@@ -119,7 +114,7 @@ def plainer(trials: Trials, chosen: Model) -> Model:
                 fitter = fitter or problem.fitter(chosen.effects)
                 if _roughly(problem, fitter, kin)[1] >= _near(trials, chosen):
                     continue
-                plain = trials.add(_fitted(trials, kin))
+                plain = trials.add(trials.to_the_end(kin))
             if not trials.is_better(plain, chosen):
                 return plainer(trials, plain)
     return chosen

@@ -197,7 +197,7 @@ class Trials:
     def loses(self, rich: Model, simple: Model) -> bool:
         """Whether `rich`, as it would be exported, misses a tenth more than `simple` of what models are chosen by, and by more than noise and step make."""
         more, less = (self._exported(one.effects) ** 2 for one in (rich, simple))
-        return more > (1 + self.settings.coarse_material) ** 2 * less and more - less > self._floor**2
+        return not self.no_worse(rich, simple, within=self.settings.coarse_material) and more - less > self._floor**2
 
     def known(self) -> dict[frozenset[str], Model]:
         """The last model of each set of effects."""
@@ -294,6 +294,11 @@ class Trials:
         # Each leaves itself as much room as its own physics step asks for.
         gained = model.level_beside(anew[0], train) - anew[0].level_beside(model, train)
         return (anew if gained > 0 else (model, fitter)), gained
+
+    def to_the_end(self, effects: Sequence[Effect]) -> Model:
+        """`effects` fitted until that no longer helps."""
+        ((model, fitter),) = self.polished([effects])
+        return self.converged(model, fitter)[0]
 
     def converged(self, model: Model, fitter: LinearFitter) -> tuple[Model, LinearFitter]:
         """`model` fitted anew about its own fit until that no longer helps."""

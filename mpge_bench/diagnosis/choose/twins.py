@@ -81,10 +81,9 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
     """
     model = trials.known().get(key(twin.effects))
     if model is None:
-        pairs = [] if trials.cut_short("telling twins apart") else trials.polished([twin.effects])
-        if not pairs:
+        if trials.cut_short("telling twins apart"):
             return twin
-        model = trials.add(trials.converged(*pairs[0])[0])
+        model = trials.add(trials.to_the_end(twin.effects))
     distance = _between(trials, chosen, model) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
     return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
@@ -204,9 +203,9 @@ def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: s
     for twin in near[: trials.settings.twins]:
         if trials.cut_short(stage):
             break
-        model = trials.add(trials.converged(*trials.polished([twin.effects])[0])[0])
+        model = trials.add(trials.to_the_end(twin.effects))
         # Starting states hide that a sensor is late, which is no motor's delay: from those that are recorded it is told.
-        if trials.no_worse(model, trials.nominal) and not trials.loses(model, chosen) and not trials.is_better(model, chosen):
+        if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal) and not trials.loses(model, chosen):
             return model
     return None
 
