@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from mpge_bench.diagnosis.choose.begun import as_begun
 from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.formulas import lone_formula
 from mpge_bench.diagnosis.choose.held import held
@@ -72,9 +73,11 @@ def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam
                 return []
             beside = held(trials)
             if min((model.overall for model, _ in beside), default=np.inf) > trials.settings.near:
-                together = everywhere(trials)
-                beside += [together] if together else []
-                drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
+                drafts = _best_of_each(drafts + as_begun(trials))
+                if drafts[0].overall > trials.settings.coarse:
+                    together = everywhere(trials)
+                    beside += [together] if together else []
+                    drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
     grown = _polished(trials, drafts, depth, beside)
     if depth == 0 or not grown or trials.is_better(beam[0][0], grown[0][0]):
         return grown
@@ -97,8 +100,12 @@ def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> lis
             break
         looked = screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order) if model.effects else screening
         drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)
-    drafts = list({one.key: one for one in sorted(drafts, key=lambda one: -one.overall)}.values())
-    return _ordered(drafts)
+    return _best_of_each(drafts)
+
+
+def _best_of_each(drafts: list[Model]) -> list[Model]:
+    """One of each set of effects, the one that misses least first."""
+    return _ordered(list({one.key: one for one in sorted(drafts, key=lambda one: -one.overall)}.values()))
 
 
 def _ordered(drafts: list[Model]) -> list[Model]:

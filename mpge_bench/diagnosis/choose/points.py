@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,12 @@ class Point:
 
     @property
     def cost(self) -> float:
-        return float(self.missed @ self.missed)
+        return cost_of(self.missed)
+
+
+def cost_of(missed: Array | None) -> float:
+    """Of what is missed, shape (readings,), the sum of squares; infinite where the simulation is unstable."""
+    return math.inf if missed is None else float(missed @ missed)
 
 
 def fitted(misses: ExportedMisses, settings: FitSettings, evaluations: int, effects: Effects, each: Each = IN_TURN) -> Point:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
-from mpge_bench.diagnosis.choose.points import Effects, Point, fitted, looked
+from mpge_bench.diagnosis.choose.points import Effects, Point, cost_of, fitted, looked
 from mpge_bench.diagnosis.choose.score import means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Plainness, plainness
@@ -84,7 +84,7 @@ def _step(trials: Trials, misses: ExportedMisses, point: Point) -> Point | None:
     """Of the points one step away that are materially better than `point` the plainest that is materially as good as the best; None if none is better."""
     settings, shared = trials.settings, (misses, trials.problem.settings.fit, trials.settings.restart_evaluations)
     moves = _moves(trials, misses, point)
-    costs = [_cost(one) for one in trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [move.effects for move in moves])]
+    costs = [cost_of(one) for one in trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [move.effects for move in moves])]
     followed: list[_Move] = []
     for adds, most in zip((True, False), settings.restart_fits, strict=True):
         best: dict[frozenset[str], _Move] = {}
@@ -175,7 +175,3 @@ def _without_needless(trials: Trials, misses: ExportedMisses, point: Point) -> P
             break
         point = best
     return point
-
-
-def _cost(missed: Array | None) -> float:
-    return np.inf if missed is None else float(missed @ missed)

@@ -21,11 +21,11 @@ def simplest(trials: Trials) -> Model:
 
 
 def _of_use(trials: Trials, models: Sequence[Model]) -> Model:
-    """The first of those of `models` that none beats which predicts no worse as it is exported than the nominal one; that where there is none."""
+    """The first of those of `models` that none beats which is of use as it is exported; the nominal one where there is none."""
     equal = _unbeaten(trials, models) if models else []
     if not equal:
         return trials.nominal
-    found = next((one for one in equal if trials.no_worse(one, trials.nominal)), None)
+    found = next((one for one in equal if trials.is_of_use(one)), None)
     # What is not to be had beats nobody.
     return found or _of_use(trials, [one for one in models if not any(one is other for other in equal)])
 

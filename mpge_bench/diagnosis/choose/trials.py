@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.diagnosis.choose.exported import best_exported, exported_error, noise_floors, validation_recordings
-from mpge_bench.diagnosis.choose.score import gain, idle, is_better
+from mpge_bench.diagnosis.choose.score import gain, idle, is_better, is_doubtless
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -193,6 +193,16 @@ class Trials:
     def no_worse(self, rich: Model, simple: Model, *, within: float = 0.0) -> bool:
         """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`, but for a share `within` of the error."""
         return self._exported(rich.effects) <= (1 + within) * self._exported(simple.effects)
+
+    def is_of_use(self, model: Model) -> bool:
+        """Whether `model`, as it would be exported, predicts what models are chosen by no worse than the simulator without it.
+
+        Where windows leave no doubt of it not by a tenth, and no recordings worse on the whole: the noise of recorded states may be most of what is missed.
+        """
+        if self.no_worse(model, self.nominal):
+            return True
+        noisy = self.no_worse(model, self.nominal, within=self.settings.coarse_material) and self._used(model.effects) <= self._used(self.nominal.effects)
+        return noisy and is_doubtless(self.problem, self.nominal, model)
 
     def loses(self, rich: Model, simple: Model) -> bool:
         """Whether `rich`, as it would be exported, misses a tenth more than `simple` of what models are chosen by, and by more than noise and step make."""

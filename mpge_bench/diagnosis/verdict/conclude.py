@@ -92,7 +92,7 @@ def proven(choice: Choice, error: ExportedError) -> tuple[Choice, tuple[str, ...
     if after <= (1 + choice.problem.settings.verdict.worse) * before:
         return choice, ()
     line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({after:.3g} against {before:.3g}), and is not reported."
-    return replace(choice, chosen=choice.nominal), (line,)
+    return replace(choice, chosen=choice.nominal, twins=()), (line,)
 
 
 def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> str:

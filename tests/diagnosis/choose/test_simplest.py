@@ -90,10 +90,10 @@ def test_what_is_no_better_than_nothing_as_exported_stands_in_nobodys_way(trials
     """Of a rotor nothing was said, since play beat it that was of no use itself."""
     right = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
     useless = trials.add(replace(right, fit=replace(right.fit, effects=(Delay("elbow", 0.01),)), missed=0.8 * right.missed, validation=0.8 * right.validation))
-    monkeypatch.setattr(trials, "no_worse", lambda rich, simple, *, within=0.0: rich is not useless)
+    monkeypatch.setattr(trials, "is_of_use", lambda model: model is not useless)
     assert simplest(trials).key == right.key
     # Of no use is what there is.
-    monkeypatch.setattr(trials, "no_worse", lambda rich, simple, *, within=0.0: False)
+    monkeypatch.setattr(trials, "is_of_use", lambda model: False)
     assert simplest(trials) is trials.nominal
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import exported_error
+from mpge_bench.diagnosis.choose.twins import Twin
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
@@ -34,8 +36,11 @@ def test_what_predicts_unseen_recordings_worse_is_taken_back(rig: Rig) -> None:
     nominal = SimpleNamespace(effects=())
     right = choice_of(problem, nominal, SimpleNamespace(effects=(truth,)))
     assert proven(right, error) == (right, ())
-    kept, (line,) = proven(choice_of(problem, nominal, SimpleNamespace(effects=(truth, spring))), error)
+    wrong = choice_of(problem, nominal, SimpleNamespace(effects=(truth, spring)))
+    kept, (line,) = proven(replace(wrong, twins=(Twin((Lag("elbow", 0.05),), (spring,), 1.0, 1.0),)), error)
     assert kept.chosen is nominal
+    # Nothing stands for what is not said: a verdict that still had the answer's twins ended in an error.
+    assert not kept.twins
     assert "joint_spring:elbow" in line
     assert f"{error((truth, spring)):.3g} against {error(()):.3g}" in line
 
