@@ -16,10 +16,11 @@ from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
-from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.curves import curves
 from mpge_bench.diagnosis.settings import ChooseSettings, DiagnosisSettings
@@ -43,9 +44,9 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     """Whether there is a mismatch at all, be it one of the `options` or a nameless curve.
 
     Three tests, the smallest p of which counts: signs of the windows (`screen`), which ask nothing of the noise but see little of what acts on few windows;
-    what one candidate explains whole of few windows (`log_odds`, by Wilks' theorem and Bonferroni's bound); and `chance_of`, which by far overestimates the
-    noise, so that it hardly ever adds a false alarm. The latter looks at calm windows only: where the motion is so violent that the physics step matters a
-    lot, a right simulator misses it, too. Few windows are too little data whatever they miss.
+    what one candidate explains whole of few windows (`log_odds`, by Wilks' theorem and Bonferroni's bound), to first order or, where that leaves it open,
+    fitted; and `chance_of`, which by far overestimates the noise, so that it hardly ever adds a false alarm. The latter looks at calm windows only: where the
+    motion is so violent that the physics step matters a lot, a right simulator misses it, too. Few windows are too little data whatever they miss.
     """
     model, fitter = nominal(problem)
     found = screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)])
@@ -54,11 +55,20 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     # Their mean square: one window that misses a hundred noises is enough.
     missed = model.missed[calm]
     by_size = chance_of(float(missed.mean()), len(missed), settings) if len(missed) else 1.0
-    whole = len(options) * float(stats.chi2.sf(2 * (found.odds + found.parameters), found.parameters))
+    whole = _chance_of_odds(found.odds, found.parameters, len(options))
+    if settings.significance < min(by_size, found.p_value) and settings.significance < whole < settings.open and found.likeliest:
+        fitted, _ = polished(problem, fitter.grow((), found.likeliest).effects)
+        odds = log_odds(model.missed_beside(fitted), fitted.missed_beside(model), problem.settings.fit.pieces)
+        whole = min(whole, _chance_of_odds(odds - fitted.parameters, fitted.parameters, len(options)))
     least = min(by_size, whole)
     if found.least < settings.significance and least < found.p_value:
         found = replace(found, p_value=max(least, settings.least_chance), is_bound=least < settings.least_chance)
     return Mismatch(model, fitter, found)
+
+
+def _chance_of_odds(odds: float, parameters: int, options: int) -> float:
+    """Bound on the probability that the likeliest of so many `options` has such `odds`, less what its `parameters` gain by chance, where there is nothing."""
+    return options * float(stats.chi2.sf(2 * (odds + parameters), parameters))
 
 
 def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:

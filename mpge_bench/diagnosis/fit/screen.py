@@ -30,6 +30,7 @@ class Screening:
             candidate, the fall of the `LinearFitter.chi_square` from one of its starts if that is more.
         odds: for the candidate for which they are best, to first order, as `log_odds` has it, less what as many parameters gain by chance.
         parameters: how many those are.
+        likeliest: that candidate.
     """
 
     p_value: float
@@ -38,6 +39,7 @@ class Screening:
     gains: dict[Candidate, float]
     odds: float = 0.0
     parameters: int = 1
+    likeliest: Candidate | None = None
 
 
 class _Residual:
@@ -95,7 +97,8 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
     residual = _Residual(fitter, model)
     flips, exact = _signs(residual.values.shape[0], draws or fitter.settings.draws)
     gains = {}
-    top, top_drawn, odds = 0.0, np.zeros(len(flips)), (0.0, 1)
+    top, top_drawn = 0.0, np.zeros(len(flips))
+    likeliest: tuple[float, int, Candidate | None] = (0.0, 1, None)
     options: list[Candidate | Array] = [*chosen, *extra]
     for candidate in options:
         columns = fitter.columns(candidate, model.effects) if isinstance(candidate, Candidate) else candidate
@@ -110,17 +113,18 @@ def screen(fitter: LinearFitter, chosen: Sequence[Candidate], model: Fit, extra:
         top = max(top, score)
         top_drawn = np.maximum(top_drawn, -stats.chi2.logsf(drawn / spread, len(parts)) / np.log(10))
         if isinstance(candidate, Candidate):
-            odds = max(odds, (_odds(fitter, model, residual.share_left(basis, parts) * model.cost, len(parts)), len(parts)))
+            told = [(_odds(fitter, model, residual.share_left(basis, parts) * model.cost, len(parts)), len(parts))]
             gains[candidate] = gain / float((residual.values**2).sum())
             if candidate.kind.is_bent():
                 # What acts on few windows only, as a limit that is seldom reached, shows in these.
                 left = [((model.residuals - column) ** 2).sum(-1) for column in columns]
                 gains[candidate] = max(gains[candidate], 1 - min(fitter.chi_square(cost) for cost in left) / fitter.chi_square(model.cost))
                 size = len(parameters_of(candidate.starts[0]))
-                odds = max(odds, *((_odds(fitter, model, cost, size), size) for cost in left))
+                told += [(_odds(fitter, model, cost, size), size) for cost in left]
+            likeliest = max(likeliest, (*max(told), candidate), key=lambda one: one[0])
     # The recordings' own signs are one of all patterns, and are counted beside drawn ones (Phipson and Smyth 2010).
     exceeding = int((top_drawn >= top * (1 - 1e-9)).sum()) + (not exact)
-    return Screening(exceeding / (len(flips) + (not exact)), not exact and exceeding == 1, float(2.0 ** (1 - flips.shape[1])), gains, *odds)
+    return Screening(exceeding / (len(flips) + (not exact)), not exact and exceeding == 1, float(2.0 ** (1 - flips.shape[1])), gains, *likeliest)
 
 
 def _odds(fitter: LinearFitter, model: Fit, cost: Array, parameters: int) -> float:

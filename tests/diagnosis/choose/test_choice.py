@@ -19,6 +19,7 @@ from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
 from mpge_bench.diagnosis.predict.smooth import reference
@@ -91,6 +92,21 @@ def test_what_one_window_shows_and_one_effect_explains_is_a_mismatch(rig: Rig) -
     found = choice.tested(posed(rig, hidden, seconds=4.0, noise=2e-4), options)
     assert np.sum(found.nominal.missed > 1) == 2
     assert found.screening.p_value < DEFAULT.choose.significance
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.87, True), (2.0, False)])
+def test_what_is_left_open_to_first_order_is_fitted_before_it_is_said_to_be_chance(rig: Rig, share: float, told: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit by back-EMF made log odds of 6 from the likeliest of its starts, one time in twenty by chance, and fitted 22."""
+    largest = max(float(np.abs(one.u[:, 0]).max()) for one in posed(rig, seconds=4.0, noise=2e-4).recordings)
+    asked = posed(rig, TorqueLimit("shoulder", share * largest), seconds=4.0, noise=2e-4)
+    options = candidates(rig, asked.scales)
+    likeliest = next(one for one in options if one.label == "torque_limit:shoulder")
+
+    def half_told(*given: Any) -> Screening:
+        return dataclasses.replace(screen(*given), p_value=0.5, odds=5.0, parameters=1, likeliest=likeliest)
+
+    monkeypatch.setattr(choice, "screen", half_told)
+    assert (choice.tested(asked, options).screening.p_value < DEFAULT.choose.significance) == told
 
 
 def test_a_model_that_left_nothing_of_what_it_was_fitted_to_is_not_searched_for_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
