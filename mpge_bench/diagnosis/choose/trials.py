@@ -182,8 +182,9 @@ class Trials:
             return False
         if not is_better(self.problem, simple, rich) or (materially and gain(simple, rich, self.problem.validation)[0] < least):
             return False
-        # A small gain from the best starting states is none if more is lost from those that are recorded.
-        return self.no_worse(rich, simple, within=least) or gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
+        # A small gain from the best starting states is none if more is lost from those that are recorded; and none is that, where noise does not make the loss.
+        small = gain(simple, rich, np.ones_like(self.problem.validation))[0] < least
+        return self.no_worse(rich, simple, within=least) or not (small or self.loses(rich, simple))
 
     def _explained(self, simple: Model, rich: Model) -> float:
         """What `rich` explains beyond `simple`: a sum of squares in standard deviations of the noise."""

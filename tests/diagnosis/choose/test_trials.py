@@ -98,19 +98,23 @@ def test_what_explains_less_than_the_physics_step_may_is_no_better(rig: Rig) -> 
         assert not notebook.is_better(rich, simple)
 
 
-def test_a_small_gain_in_windows_is_none_where_more_is_lost_as_exported(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A drive stiffer than anything, in a rotor's place, gained 2% from the best starting states, and missed 18% more from those that are recorded."""
+@pytest.mark.parametrize(("floor", "share", "told"), [(0.7, 0.97, False), (0.7, 0.8, True), (0.5, 0.8, False), (0.5, 0.01, False)])
+def test_a_gain_in_windows_is_none_where_more_is_lost_as_exported(rig: Rig, floor: float, share: float, told: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive stiffer than anything, in a rotor's place, gained 2% from the best starting states, and missed 18% more from those that are recorded.
+
+    An elastic drive beside friction that sticks gained more in two windows, in which the joint stuck or did not, than in all others, and missed 1.7 times as
+    much from recorded states, with noise of half of that.
+    """
     asked = posed(rig, ViscousFriction("elbow", 0.2), seconds=3.0, noise=1e-3)
     notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
     ((simple, _),) = notebook.polished([[ViscousFriction("elbow", 0.2)]])
     errors = {simple.effects: 1.0, (): 1.18}
     monkeypatch.setattr(notebook, "_exported", errors.__getitem__)
-    notebook._stepped = 0.0
-    for share, told in ((0.97, False), (0.8, True)):
-        rich = replace(simple, fit=replace(simple.fit, effects=()), missed=share * simple.missed)
-        assert notebook.is_better(simple, rich) == told
+    notebook._stepped, notebook._floor = 0.0, floor
+    rich = replace(simple, fit=replace(simple.fit, effects=()), missed=share * simple.missed)
+    assert notebook.is_better(simple, rich) == told
     errors[()] = 1.05
-    assert notebook.is_better(simple, replace(rich, missed=0.97 * simple.missed))
+    assert notebook.is_better(simple, rich)
 
 
 def test_what_noise_may_make_of_recorded_states_is_no_loss(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
