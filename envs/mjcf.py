@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.envs.errors import UserError, one_line
+from mpge_bench.envs.reading import at_element
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +37,8 @@ _REFUSED = {
     "tendon_armature": "tendons with armature",
     "tendon_limited": "tendons with limits",
 }
+#: Elements, and their attributes, that say some of these: others may stand in a default.
+_WRITTEN = {"neq": ("equality", ""), "nflex": ("flexcomp", ""), "nplugin": ("plugin", ""), "body_gravcomp": ("body", "gravcomp")}
 
 
 @dataclass(frozen=True)
@@ -80,15 +83,18 @@ def read_mjcf(path: Path) -> Mechanism:
     mujoco, model = _compiled(path)
     for name, what in _REFUSED.items():
         if np.any(getattr(model, name, 0)):
-            raise UserError(f"{path}: this model has {what}, which cannot be carried over from MJCF; take it out")
+            where = _line(path, *_WRITTEN[name]) if name in _WRITTEN else str(path)
+            raise UserError(f"{where}: this model has {what}, which cannot be carried over from MJCF; take it out")
     if model.opt.density or model.opt.viscosity:
-        raise UserError(f"{path}: this model moves in a fluid, which cannot be carried over from MJCF; take density and viscosity out of <option>")
+        where = _line(path, "option", "density" if model.opt.density else "viscosity")
+        raise UserError(f"{where}: this model moves in a fluid, which cannot be carried over from MJCF; take density and viscosity out of <option>")
     kinds = [mujoco.mjtJoint(kind).name.removeprefix("mjJNT_").lower() for kind in model.jnt_type]
     bodies = [model.body(body).name or f"body{body}" for body in range(model.nbody)]
     joints = [model.joint(joint).name or f"joint{joint}" for joint in range(model.njnt)]
     for joint, kind in zip(joints, kinds, strict=True):
         if kind not in ("hinge", "slide"):
-            raise UserError(f"{path}: joint {joint!r} is a {kind} joint; only mechanisms of hinges and slides on a fixed base can be read")
+            where = _line(path, "freejoint" if kind == "free" else "joint", "name", joint)
+            raise UserError(f"{where}: joint {joint!r} is a {kind} joint; only mechanisms of hinges and slides on a fixed base can be read")
     return Mechanism(
         _urdf(model, path.stem, bodies, joints, kinds),
         {name: float(inertia) for name, inertia in zip(joints, model.dof_armature, strict=True) if inertia},
@@ -114,6 +120,19 @@ def read_stated(path: Path) -> Stated:
             motors[model.joint(joint).name or f"joint{joint}"] = (kp, 0.0 - damping) if is_servo else (0.0, 0.0)
     x, y, z = model.opt.gravity.tolist()
     return Stated((x, y, z), float(model.opt.timestep), motors)
+
+
+def _line(path: Path, tag: str, attribute: str = "", value: str | None = None) -> str:
+    """The MJCF file `path`, which has been compiled, and the line of its first element of that `tag`, for messages; without it where there is none.
+
+    Args:
+        attribute: that the element has, with this `value` if one is given.
+    """
+    root = ET.parse(path).getroot()
+    for one in root.iter(tag):
+        if not attribute or (attribute in one.attrib and value in (None, one.get(attribute))):
+            return at_element(path, root, one)
+    return str(path)
 
 
 def _compiled(path: Path) -> tuple[Any, Any]:

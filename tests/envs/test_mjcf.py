@@ -129,9 +129,30 @@ def test_limits_and_kinds_of_joints_are_carried_over(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_carried_over_is_refused(tmp_path: Path, parts: dict[str, str], says: str) -> None:
-    with pytest.raises(UserError, match=rf"model\.xml: .*{says}") as error:
+    with pytest.raises(UserError, match=rf"model\.xml(, line \d+)?: .*{says}") as error:
         Model(pendulum(tmp_path, **parts))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("parts", "written"),
+    [
+        ({"more": '<body>\n<freejoint name="loose"/><geom size=".1"/></body>'}, "<freejoint"),
+        ({"end": '\n<equality><joint joint1="hinge"/></equality>'}, "<equality"),
+        ({"top": '\n<option density="1.2"/>'}, "<option"),
+        ({"more": '\n<body gravcomp="1"><joint/><geom size=".1"/></body>'}, "<body gravcomp"),
+    ],
+)
+def test_what_is_refused_is_named_with_its_line(tmp_path: Path, parts: dict[str, str], written: str) -> None:
+    path = pendulum(tmp_path, **parts)
+    line = next(number for number, text in enumerate(path.read_text().splitlines(), start=1) if text.startswith(written))
+    with pytest.raises(UserError, match=rf"model\.xml, line {line}: "):
+        Model(path)
+
+
+def test_a_joint_of_any_name_is_refused_with_its_line(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r", line \d+: joint .it's. is a ball joint"):
+        Model(pendulum(tmp_path, more='<body><joint type="ball" name="it\'s"/><geom size=".1"/></body>'))
 
 
 def test_without_mujoco_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
