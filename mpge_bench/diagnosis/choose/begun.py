@@ -6,14 +6,10 @@ what is there below what is not. A start that by itself explains most of what th
 
 from __future__ import annotations
 
-import numpy as np
-
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
-from mpge_bench.diagnosis.choose.points import cost_of
+from mpge_bench.diagnosis.choose.points import best_of_each, cost_of
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.hypotheses.candidates import key
-from mpge_bench.envs.effects import Effect
 
 #: What is said to be cut short where time is up.
 _STAGE = "effects as they begin"
@@ -26,10 +22,7 @@ def as_begun(trials: Trials) -> list[Model]:
     settings, misses = trials.settings, ExportedMisses(trials.problem, trials.problem.recordings, most=trials.settings.restarts)
     starts = [start for candidate in trials.candidates for start in candidate.starts]
     missed = trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [trials.problem.rig.joined((), start) for start in starts])
-    costs = np.array([cost_of(one) for one in missed])
-    best: dict[frozenset[str], Effect] = {}
-    for index in np.argsort(costs, kind="stable"):
-        if costs[index] < settings.begun_leaves * cost_of(misses.in_a_row(())):
-            best.setdefault(key([starts[index]]), starts[index])
-    followed = list(best.values())[: settings.restart_fits[0]]
-    return trials.refined(trials.fitter, [trials.fitter.at([start]) for start in followed])
+    most = settings.begun_leaves * cost_of(misses.in_a_row(()))
+    costs = [(cost_of(one), (start,)) for one, start in zip(missed, starts, strict=False)]
+    followed = best_of_each((cost, effects) for cost, effects in costs if cost < most)[: settings.restart_fits[0]]
+    return trials.refined(trials.fitter, [trials.fitter.at(effects) for effects in followed])

@@ -11,12 +11,12 @@ from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
+from mpge_bench.diagnosis.choose.score import odds
 from mpge_bench.diagnosis.choose.simplest import needed, plainer, simplest
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
@@ -58,8 +58,7 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     whole = _chance_of_odds(found.odds, found.parameters, len(options))
     if settings.significance < min(by_size, found.p_value) and settings.significance < whole < settings.open and found.likeliest:
         fitted, _ = polished(problem, fitter.grow((), found.likeliest).effects)
-        odds = log_odds(model.missed_beside(fitted), fitted.missed_beside(model), problem.settings.fit.pieces)
-        whole = min(whole, _chance_of_odds(odds - fitted.parameters, fitted.parameters, len(options)))
+        whole = min(whole, _chance_of_odds(odds(problem, model, fitted) - fitted.parameters, fitted.parameters, len(options)))
     least = min(by_size, whole)
     if found.least < settings.significance and least < found.p_value:
         found = replace(found, p_value=max(least, settings.least_chance), is_bound=least < settings.least_chance)

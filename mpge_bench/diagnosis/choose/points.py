@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.exported import IN_TURN, Each, ExportedMisses, sought
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.settings import FitSettings
 from mpge_bench.envs.effects import Effect
 
@@ -38,6 +40,15 @@ class Point:
 def cost_of(missed: Array | None) -> float:
     """Of what is missed, shape (readings,), the sum of squares; infinite where the simulation is unstable."""
     return math.inf if missed is None else float(missed @ missed)
+
+
+def best_of_each(costs: Iterable[tuple[float, Effects]]) -> list[Effects]:
+    """Of those with the same effects the ones of least cost, the least first; none of infinite cost."""
+    best: dict[frozenset[str], Effects] = {}
+    for cost, effects in sorted(costs, key=lambda pair: pair[0]):
+        if math.isfinite(cost):
+            best.setdefault(key(effects), effects)
+    return list(best.values())
 
 
 def fitted(misses: ExportedMisses, settings: FitSettings, evaluations: int, effects: Effects, each: Each = IN_TURN) -> Point:

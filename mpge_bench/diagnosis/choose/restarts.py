@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
-from mpge_bench.diagnosis.choose.points import Effects, Point, cost_of, fitted, looked
+from mpge_bench.diagnosis.choose.points import Effects, Point, best_of_each, cost_of, fitted, looked
 from mpge_bench.diagnosis.choose.score import means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Plainness, plainness
@@ -85,14 +85,10 @@ def _step(trials: Trials, misses: ExportedMisses, point: Point) -> Point | None:
     settings, shared = trials.settings, (misses, trials.problem.settings.fit, trials.settings.restart_evaluations)
     moves = _moves(trials, misses, point)
     costs = [cost_of(one) for one in trials.side_by_side(_STAGE, ExportedMisses.in_a_row, (misses,), [move.effects for move in moves])]
-    followed: list[_Move] = []
+    followed: list[Effects] = []
     for adds, most in zip((True, False), settings.restart_fits, strict=True):
-        best: dict[frozenset[str], _Move] = {}
-        for cost, move in sorted(zip(costs, moves, strict=False), key=lambda pair: pair[0]):
-            if move.adds is adds and np.isfinite(cost):
-                best.setdefault(key(move.effects), move)
-        followed += list(best.values())[:most]
-    points = trials.side_by_side(_STAGE, fitted, shared, [move.effects for move in followed])
+        followed += best_of_each((cost, move.effects) for cost, move in zip(costs, moves, strict=False) if move.adds is adds)[:most]
+    points = trials.side_by_side(_STAGE, fitted, shared, followed)
     better = [one for one in points if one.cost < (1 - settings.coarse_material) * point.cost and _means_something(trials, one)]
     least = min((one.cost for one in better), default=0.0)
     return min((one for one in better if (1 - settings.coarse_material) * one.cost <= least), key=_plainness, default=None)

@@ -57,10 +57,14 @@ def is_better(problem: Problem, simple: Model, rich: Model) -> bool:
     return doubtless or share > errors * error
 
 
+def odds(problem: Problem, simple: Model, rich: Model) -> float:
+    """How strongly all windows speak for `rich` against `simple`, as `log_odds` has it; its parameters may gain some of that by chance."""
+    return log_odds(simple.missed_beside(rich), rich.missed_beside(simple), problem.settings.fit.pieces)
+
+
 def is_doubtless(problem: Problem, simple: Model, rich: Model) -> bool:
     """Whether windows, be they few, leave no doubt that `rich` is nearer than `simple`."""
-    odds = log_odds(simple.missed_beside(rich), rich.missed_beside(simple), problem.settings.fit.pieces)
-    return odds > problem.settings.choose.doubtless + rich.parameters - simple.parameters
+    return odds(problem, simple, rich) > problem.settings.choose.doubtless + rich.parameters - simple.parameters
 
 
 def means_something(problem: Problem, effect: Effect) -> bool:

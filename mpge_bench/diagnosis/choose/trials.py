@@ -183,8 +183,9 @@ class Trials:
         if not is_better(self.problem, simple, rich) or (materially and gain(simple, rich, self.problem.validation)[0] < least):
             return False
         # A small gain from the best starting states is none if more is lost from those that are recorded; and none is that, where noise does not make the loss.
-        small = gain(simple, rich, np.ones_like(self.problem.validation))[0] < least
-        return self.no_worse(rich, simple, within=least) or not (small or self.loses(rich, simple))
+        if self.no_worse(rich, simple, within=least):
+            return True
+        return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
     def _explained(self, simple: Model, rich: Model) -> float:
         """What `rich` explains beyond `simple`: a sum of squares in standard deviations of the noise."""
