@@ -46,7 +46,8 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
     Three tests, the smallest p of which counts: signs of the windows (`screen`), which ask nothing of the noise but see little of what acts on few windows;
     what one candidate explains whole of few windows (`log_odds`, by Wilks' theorem and Bonferroni's bound), to first order or, where that leaves it open,
     fitted; and `chance_of`, which by far overestimates the noise, so that it hardly ever adds a false alarm. The latter looks at calm windows only: where the
-    motion is so violent that the physics step matters a lot, a right simulator misses it, too. Few windows are too little data whatever they miss.
+    motion is so violent that the physics step matters a lot, a right simulator misses it, too. A few windows are enough for the last two, though signs of them
+    tell nothing; fewer than that are too little data whatever they miss.
     """
     model, fitter = nominal(problem)
     found = screen(fitter, options, model.fit, [columns for _, columns in curves(fitter.predictor)])
@@ -60,7 +61,7 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
         fitted, _ = polished(problem, fitter.grow((), found.likeliest).effects)
         whole = min(whole, _chance_of_odds(odds(problem, model, fitted) - fitted.parameters, fitted.parameters, len(options)))
     least = min(by_size, whole)
-    if found.least < settings.significance and least < found.p_value:
+    if len(model.missed) >= settings.fewest and least < found.p_value:
         found = replace(found, p_value=max(least, settings.least_chance), is_bound=least < settings.least_chance)
     return Mismatch(model, fitter, found)
 

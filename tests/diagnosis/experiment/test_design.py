@@ -64,7 +64,7 @@ def test_what_no_motion_tells_is_said_and_no_file_is_left(tmp_path: Path, in_pro
 
 
 def test_too_little_data_asks_for_what_tells_most(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
-    write_case(tmp_path, [ViscousFriction("hinge", 0.03)], recordings=3, seconds=2.0, noise=3e-3)
+    write_case(tmp_path, [ViscousFriction("hinge", 0.03)], recordings=1, seconds=3.0)
     text, data = asked(in_process, tmp_path)
     assert data["verdict"] == "too_little_data"
     assert data["next_experiment"]["purpose"] == "too_little_data"
