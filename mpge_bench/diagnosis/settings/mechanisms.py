@@ -149,7 +149,7 @@ class ChooseSettings:
     significance: float = setting(0.01, "probability", "a mismatch is reported below this probability of chance")
     open: float = setting(0.5, "probability", "to first order, that the likeliest effect does so well by chance, below which it is fitted before that is said")
     beyond_noise: float = setting(3.0, "times the noise", "what even so large a noise would not make is a mismatch: the noise is but estimated")
-    fewest: int = setting(5, "windows", "that show a mismatch which is no chance: with as many, effects that are named are nearly always there")
+    fewest: int = setting(5, "windows", "that may show a mismatch by what they miss, or by what one effect explains: what fewer tell has not been measured")
     least_chance: float = setting(1e-6, "probability", "smaller ones rest on the shape of a distribution far out, and are said to be below it")
     calm: float = setting(10.0, "standard deviations", "that half the physics step changes a prediction by: windows beyond miss much by chance")
     material: float = setting(0.01, "share of the sum of squares", "an effect that explains less changes no prediction by more than a tenth of the noise")

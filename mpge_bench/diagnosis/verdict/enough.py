@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.verdict.result import MoreData
 def more_data(choice: Choice) -> MoreData:
     """Windows, and seconds of recording, with which the same mismatch would be significant.
 
-    Evidence grows with the number of windows, so that the logarithm of p is about in proportion to it; below a few windows no p is small enough at all.
+    Evidence grows with the number of windows, so that the logarithm of p is about in proportion to it; of a few windows no p by signs is small enough.
     """
     problem, test = choice.problem, choice.test
     settings, windows = problem.settings, len(problem.windows.start)
