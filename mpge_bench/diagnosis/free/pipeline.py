@@ -1,6 +1,6 @@
 """From recordings of what moves freely or touches something to a verdict: the stages in their order.
 
-motion -> windows -> hypotheses -> evidence -> choose -> verdict
+motion -> lengths -> windows -> hypotheses -> evidence -> choose -> verdict
 """
 
 from __future__ import annotations
@@ -17,15 +17,16 @@ from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.free.evidence import Evidence, FreeSearch
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
+from mpge_bench.diagnosis.free.lengths import longest
 from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
 from mpge_bench.diagnosis.free.regimes import places
 from mpge_bench.diagnosis.free.simulator import simulator_of
 from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
-from mpge_bench.diagnosis.transitions.choose import Answer, Search
-from mpge_bench.diagnosis.transitions.evidence import compared
+from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
@@ -45,20 +46,18 @@ def diagnose_free(
     parts = parted(Measurements(rig, tuple(recordings), {}, settings))
     simulator = simulator_of(rig, recordings, settings)
     noise = noise_of(parts.searched.recordings, rig.layout, dict(rig.noise), settings.free)
-    found = []
-    for some, total in ((parts.searched.recordings, settings.free.windows), (parts.unseen, settings.free.unseen_windows)):
-        motions = [motion_of(one, rig.layout, noise, settings.free) for one in some]
-        found.append((motions, windows_of(simulator, some, motions, noise, settings.free, total)))
-    (motions, searched), (_, unseen) = found
-    # Once about the starts as recorded, once about the likeliest.
-    searched = searched.linearised().linearised()
+    motions, later = ([motion_of(one, rig.layout, noise, settings.free) for one in some] for some in (parts.searched.recordings, parts.unseen))
+    free, own = longest(simulator, parts.searched.recordings, motions, noise, settings)
+    settings = replace(settings, free=free)
+    searched = windows_of(simulator, parts.searched.recordings, motions, noise, settings.free, settings.free.windows)
+    unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
+    searched = searched.linearised()
     choosing = _choosing(searched, settings)
     fitted = searched.part(~choosing)
     settings = _for_windows(settings, fitted.entries)
     options = hypotheses(simulator, parts.searched.recordings, motions, settings.replay)
-    search = Search(fitted, options, workers, clock, settings.replay, advance)
-    own = fitted.imagined(0)
-    test = compared(fitted, own, options, len(search.few), workers, settings)
+    search = FreeSearch(fitted, options, workers, clock, settings.replay, advance, evidence=Evidence(fitted, own, settings))
+    test = search.compared()
     answer = search.answer() if test.is_mismatch else search.nothing()
     answer = chosen_by(searched.part(choosing), answer, settings)
     where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
@@ -69,9 +68,9 @@ def diagnose_free(
 def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings:
     """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
     free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
-    own = {name: getattr(free, name) for name in names}
-    search = replace(settings.replay, block=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
-    search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
+    own = {name: getattr(free, name) for name in (*names, "material", "equal", "faint")}
+    search = replace(settings.replay, block=1, stretch=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
+    search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries, fitted_noisy=free.windows * entries)
     return replace(settings, replay=replace(search, **own))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,11 @@ class Simulator:
     remembered: int
     run_in: int
     worlds: Memory[tuple[Effect, ...], World] = field(default_factory=lambda: Memory(4))
+
+    def coarser(self, times: int) -> Simulator:
+        """One with steps as many times as long, or as many as divide the substeps: for differences between predictions, which hardly depend on the step."""
+        times = max(number for number in range(1, times + 1) if self.substeps % number == 0)
+        return replace(self, step=self.step * times, substeps=self.substeps // times, worlds=Memory(4))
 
     @property
     def period(self) -> float:

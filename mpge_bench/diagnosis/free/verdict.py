@@ -44,7 +44,7 @@ def concluded(
     chosen = answer.chosen
     before, after = (_off(unseen, model.effects) for model in (answer.nominal, chosen))
     taken_back: tuple[str, ...] = ()
-    if chosen.hypotheses and _typical(after, unseen) > _typical(before, unseen):
+    if chosen.hypotheses and _is_worse(before, after, unseen, settings.replay.beyond_chance):
         taken_back = (f"{label_of(chosen)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
         chosen, after = answer.nominal, before
 
@@ -92,6 +92,13 @@ def _off(windows: Windows, effects: Sequence[Effect]) -> Array:
 def _places(windows: Windows) -> tuple[slice, str]:
     """The coordinates by which errors are told, and their unit: where a free base is, else the joints."""
     return (slice(0, 3), "m") if windows.layout.floating else (slice(None), "rad")
+
+
+def _is_worse(before: Array, after: Array, windows: Windows, beyond: float) -> bool:
+    """Whether windows are off by more `after` than `before`, by so many standard errors: of what shows in few windows the others tell nothing."""
+    columns, _ = _places(windows)
+    more = ((after**2 - before**2)[..., columns]).sum((1, 2))
+    return bool(more.mean() > beyond * more.std() / np.sqrt(len(more)))
 
 
 def _typical(off: Array, windows: Windows) -> float:

@@ -88,6 +88,10 @@ class Windows:
         """All are one draw."""
         return 1
 
+    def coarser(self) -> Windows:
+        """The same, predicted with longer steps where the simulator is slow, for what effects change: by motors, which are asked at each step."""
+        return replace(self, simulator=self.simulator.coarser(self.settings.coarse)) if self.simulator.rig.joints else self
+
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What the simulator with `effects` misses, from the starts that are likeliest given both what was recorded at them and after them.
 
@@ -110,8 +114,8 @@ class Windows:
     def _likelier(self, missed: Array, rows: Rows) -> Array:
         """From the starts at `shift`, which miss `missed`, to the likeliest ones, shape (windows, 2 nv)."""
         slopes, trust = self.slopes[rows], 1 / self.spread[rows] ** 2
-        # What is missed by far tells of the simulator, not of the start.
-        weighted = slopes / (1 + (missed / self.settings.outlying) ** 2)[..., None]
+        # Across contacts what is missed by far tells of the simulator, not of the start.
+        weighted = slopes / (1 + (missed / self.settings.pinned) ** 2)[..., None]
         gram = np.einsum("wei,wej->wij", weighted, slopes) + np.eye(slopes.shape[2]) * trust[:, None]
         against = np.einsum("wei,we->wi", weighted, missed) - trust * self.shift[rows]
         return np.asarray(np.linalg.solve(gram, against[..., None])[..., 0])
@@ -124,19 +128,23 @@ class Windows:
         return np.asarray((off / self.noise).reshape(len(path), -1))
 
     def linearised(self, effects: Sequence[Effect] = ()) -> Windows:
-        """The same windows, with derivatives of the simulator with `effects` about the likeliest starts, by central differences as wide as the starts' spread.
+        """The same windows, with derivatives of the simulator with `effects` about the likeliest starts; twice, since starts as recorded may be far off."""
+        return self._differenced(effects, (1,))._differenced(effects, (1, -1))
 
-        Narrower ones would see the jerks of single contacts.
-        """
+    def _differenced(self, effects: Sequence[Effect], signs: Sequence[int]) -> Windows:
+        """One such step, by differences as wide as the starts' spread to the sides of `signs`: narrower ones would see the jerks of single contacts."""
         every = np.arange(len(self))
         missed = np.nan_to_num(self.missed(self._rolled(effects, every, self.shift), every))
         shift = self.shift + self._likelier(missed, every)
+        coarse = self.coarser()
+        here = self.missed(coarse._rolled(effects, every, shift), every) if len(signs) == 1 else None
         slopes = np.empty_like(self.slopes)
         for direction in range(shift.shape[1]):
             step = np.zeros_like(shift)
             step[:, direction] = self.spread[:, direction]
-            here, there = (self.missed(self._rolled(effects, every, shift + sign * step), every) for sign in (1, -1))
-            slopes[..., direction] = (there - here) / (2 * self.spread[:, direction, None])
+            there = [self.missed(coarse._rolled(effects, every, shift + sign * step), every) for sign in signs]
+            difference = there[0] - (there[1] if here is None else here)
+            slopes[..., direction] = -difference / (len(signs) * self.spread[:, direction, None])
         return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
 
     def imagined(self, seed: int) -> Windows:
@@ -147,7 +155,7 @@ class Windows:
         off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
         start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
         # About their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
-        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised().linearised()
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised()
 
     def from_recorded(self, effects: Sequence[Effect]) -> Array:
         """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).

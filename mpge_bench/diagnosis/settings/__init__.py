@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mpge_bench.diagnosis.settings.mechanisms import ChooseSettings, DataSettings, FitSettings, HypothesisSettings, PredictSettings, VerdictSettings
-from mpge_bench.diagnosis.settings.robots import FreeSettings, ReplaySettings
+from mpge_bench.diagnosis.settings.robots import FreeSettings, ReplaySettings, SmoothSettings
 
 __all__ = [
     "DEFAULT",
@@ -23,6 +23,7 @@ __all__ = [
     "HypothesisSettings",
     "PredictSettings",
     "ReplaySettings",
+    "SmoothSettings",
     "VerdictSettings",
 ]
 
@@ -39,6 +40,7 @@ class DiagnosisSettings:
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
     replay: ReplaySettings = field(default_factory=ReplaySettings)
     free: FreeSettings = field(default_factory=FreeSettings)
+    smooth: SmoothSettings = field(default_factory=SmoothSettings)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain values by stage and name, as diagnosis.json holds them."""

@@ -51,6 +51,7 @@ class ReplaySettings:
     nearly: float = setting(1e-5, "spreads of a step's change", "less is missed where a fit of the right effects came to a stop too soon, without noise")
     finishing: float = setting(1e-6, "share of a parameter, and of the cost", "for derivatives and to end, where many parameters are made exact")
     jump: float = setting(20.0, "times what nine of ten rows that answer do not exceed", "beyond it is a jump, as of a contact that comes a step sooner")
+    faint: float = setting(0.0, "spreads of a step's change", "no slope up to this is a jump, however much more than usual")
     answers: float = setting(1e-9, "share of the largest slope", "rows with less do not answer to a parameter at all")
     converged: float = setting(1e-3, "share of the cost", "an iteration that gains less is the last")
     dampings: int = setting(4, "trials", "of shorter and shorter steps, each ten times as much damped, before a fit ends")
@@ -74,6 +75,18 @@ class ReplaySettings:
 
 
 @dataclass(frozen=True)
+class SmoothSettings:
+    """Of long windows, which the rig repeats: they answer in proportion to starts and effects, and what is missed beyond the noise is no matter of contacts."""
+
+    pinned: float = setting(1e6, "standard deviations", "starts answer in proportion, however far the rig is off")
+    iterations: int = setting(2, "iterations", "of least squares in a draft")
+    iterations_polish: int = setting(8, "iterations", "of a model that is followed up")
+    walks: tuple[float, ...] = setting((), "shares of a parameter", "no contact brings least squares to a stop")
+    material: float = setting(0.003, "nats an entry", "an effect that explains less is not taken in: the noise is known, and a few windows tell")
+    equal: float = setting(0.002, "nats an entry", "models that differ by less are told apart by how plain they are")
+
+
+@dataclass(frozen=True)
 class FreeSettings:
     """Of recordings of what moves freely or touches something (`mpge_bench.diagnosis.free`)."""
 
@@ -84,6 +97,14 @@ class FreeSettings:
     doubt: float = setting(2.0, "times", "what the noise makes of a parabola's slope: motion is no parabola")
     even: float = setting(0.05, "rows", "rows may come that much sooner or later")
     window: float = setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")
+    longer: tuple[float, ...] = setting((4.0, 2.0), "times", "as long are windows where the rig still predicts its own motion: what is faint adds up")
+    repeated: float = setting(1.25, "standard deviations", "that the rig then misses at most of nine of ten windows that it made itself")
+    repeats: int = setting(12, "windows", "by which that is judged, and that there are at least: fewer are no test of chance")
+    telling: float = setting(1.0, "standard deviations", "what an effect changes of a window by less is not seen there")
+    tested: float = setting(1000.0, "s", "of motion are predicted to see whether anything is missed along what effects change")
+    shown: int = setting(3, "windows", "at least, in which an effect is seen: what one impact did is no law")
+    allowed: float = setting(2.0, "times the noise", "that is missed along an effect where there is none: two simulators' laws of contact are not the same")
+    coarse: int = setting(4, "times", "longer steps tell what starts and effects change of a motion with joints")
     fewest_rows: int = setting(5, "rows", "of a window: fewer are nothing but their start")
     moved: float = setting(30.0, "standard deviations of q", "what moves less within a window tells nothing")
     stirred: float = setting(8.0, "standard deviations of q", "the same where few windows move by as much: more than the noise alone looks like")
@@ -97,6 +118,9 @@ class FreeSettings:
     iterations: int = setting(1, "iterations", "of least squares in a draft, before the walk")
     iterations_polish: int = setting(2, "iterations", "of a model that is followed up")
     walks: tuple[float, ...] = setting((0.2, 0.05), "shares of a parameter", "steps of a walk after least squares, which contacts bring to a stop too soon")
+    material: float = setting(0.01, "nats an entry", "an effect that explains less is not taken in")
+    equal: float = setting(0.005, "nats an entry", "models that differ by less are told apart by how plain they are")
+    faint: float = setting(1.0, "standard deviations", "no slope up to this is a jump: where an effect changes nothing, rounding jumps")
     difference: float = setting(0.1, "share of a parameter", "for derivatives: with a hundredth, fits stop at the jerks of single contacts")
     choosing: float = setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
     judged: int = setting(8, "models", "the best ones, are held against what models are chosen by")
@@ -106,5 +130,6 @@ class FreeSettings:
     touch: float = setting(0.003, "m", "from the ground, up to which a body touches it: tables are no planes")
     windows: int = setting(240, "windows", "of what is searched on, at most: a second or two of simulator for each model")
     unseen_windows: int = setting(160, "windows", "that are held out, at most")
-    outlying: float = setting(5.0, "standard deviations", "what is missed by more tells of the simulator, not of where a window started")
+    pinned: float = setting(5.0, "standard deviations", "what is missed by more hardly moves the start of a window in which contacts bend what it becomes")
+    outlying: float = setting(5.0, "standard deviations", "what is missed by more counts less where it is told whether anything is missed")
     worst: float = setting(1e5, "standard deviations", "residuals are cut off at, lest a simulation that flies apart decide")

@@ -49,6 +49,7 @@ class Answer:
 class Search(Trials):
     """One search, round by round."""
 
+    #: What hypotheses change beside some model, of the rows `glance`.
     columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
     #: Models on whose misses the search has been focused.
     shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
@@ -61,6 +62,7 @@ class Search(Trials):
         #: For first looks and, more of them, for drafts: of all kinds of motion.
         worst = self.worst(())
         self.glance, self.few = (self.spread(rows, worst) for rows in (glimpsed, settings.drafted // self.replay.entries))
+        self.glimpse = self.glance
 
     def answer(self) -> Answer:
         """The whole search."""
@@ -96,9 +98,14 @@ class Search(Trials):
         fresh = not self.columns
         richer = self.grown(model)
         if not fresh and not self.is_better(richer, model) and not self.late("looking for effects"):
-            self.columns.clear()
+            self.forget()
             richer = self.grown(model)
         return richer if richer is not None and self.is_better(richer, model) else model
+
+    def forget(self) -> None:
+        """All columns; new ones are of few rows."""
+        self.columns.clear()
+        self.glance = self.glimpse
 
     def nothing(self) -> Answer:
         """The answer where there is no mismatch."""
@@ -136,13 +143,16 @@ class Search(Trials):
             return self.replay
         return replace(self.replay, trust=best_trust(self.replay, model.effects, self.settings))
 
+    def know(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
+        """The columns of `hypotheses` beside `model`, whose residuals are those of the rows `glance`."""
+        columns: list[Columns] = self.each(columns_of, (replay, model, self.glance), hypotheses)  # type: ignore[assignment]
+        self.columns.update({one.hypothesis.key: one for one in columns})
+
     def looks(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
         """Those of `hypotheses` that promise most beside `model`, by themselves or several of a kind together."""
         settings, known = self.settings, self.columns
         glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
-        unknown = [one for one in hypotheses if one.key not in known]
-        columns: list[Columns] = self.each(columns_of, (replay, glance, self.glance), unknown)  # type: ignore[assignment]
-        known.update({one.hypothesis.key: one for one in columns})
+        self.know(replay, glance, [one for one in hypotheses if one.key not in known])
         left = [known[one.key] for one in hypotheses if one.key in known and one.key not in model.key]
         found = [look(glance, one, settings) for one in left]
         # Several parameters on each of several things say anything.
@@ -158,15 +168,19 @@ class Search(Trials):
         checked = {one.hypotheses for one in again}
         return [*again, *[one for one in found if one.hypotheses not in checked][: settings.tried // 2]]
 
+    def turns(self) -> list[list[Hypothesis]]:
+        """In which hypotheses are looked at: those of one parameter come first, since none can be plainer."""
+        return [[one for one in self.hypotheses if (one.size == 1) is plain] for plain in (True, False)]
+
     def drafts(self, replay: Predictor, model: Model) -> list[Model]:
         """`model` with what promises most beside it, each fitted to few transitions; the best first.
 
-        Those of one parameter come first: where one of them leaves nothing but rounding or noise, none can be plainer, and nothing else is looked at.
+        Where one of a turn leaves nothing but rounding or noise, nothing else is looked at.
         """
         settings, most = self.settings, 0.0
         found: list[Model] = []
-        for plain in (True, False):
-            looks = self.looks(replay, model, [one for one in self.hypotheses if (one.size == 1) is plain])
+        for hypotheses in self.turns():
+            looks = self.looks(replay, model, hypotheses)
             most = max([most, *(one.gain for one in looks)])
             looks = [one for one in looks if one.gain > settings.promising * most]
             shared = (replay, model, self.few, settings, settings.iterations_first)

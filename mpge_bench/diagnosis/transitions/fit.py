@@ -289,7 +289,7 @@ def smooth(slopes: Array, settings: ReplaySettings) -> Array:
     answers = size > settings.answers * size.max(axis=1, keepdims=True)
     told = np.where(answers | ~answers.any(axis=1, keepdims=True), size, np.nan)
     usual = np.nanquantile(told, 0.9, axis=1, keepdims=True)
-    return np.asarray(np.all(size <= settings.jump * usual, axis=(0, 2)), float)[:, None]
+    return np.asarray(np.all(size <= np.maximum(settings.jump * usual, settings.faint), axis=(0, 2)), float)[:, None]
 
 
 def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings) -> Array:

@@ -30,7 +30,7 @@ def tossed(tmp_path_factory: pytest.TempPathFactory) -> Tossed:
     def make(effects: Sequence[Effect] = (), *, tosses: int = 8, noise: float = NOISE, twist: bool = False, **changes: Any) -> Path:
         folder = tmp_path_factory.mktemp("tossed")
         (folder / "brick.urdf").write_text(BRICK)
-        (folder / "rig.yaml").write_text(yaml.safe_dump({**RIG, **changes}))
+        (folder / "rig.yaml").write_text(yaml.safe_dump({key: value for key, value in {**RIG, **changes}.items() if value is not None}))
         rig, rng = read_rig(folder / "rig.yaml"), np.random.default_rng(0)
         world, layout = rig.world(effects, substeps=4), rig.layout
         for toss in range(tosses):

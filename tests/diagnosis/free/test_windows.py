@@ -27,7 +27,7 @@ def made(folder: Path, total: int = 30, settings: FreeSettings = DEFAULT.free) -
     found = read_recordings(sorted(folder.glob("*.csv")), rig)
     noise = noise_of(found, rig.layout, {}, DEFAULT.free)
     motions = [motion_of(one, rig.layout, noise, DEFAULT.free) for one in found]
-    return windows_of(simulator_of(rig, found, DEFAULT), found, motions, noise, settings, total).linearised().linearised()
+    return windows_of(simulator_of(rig, found, DEFAULT), found, motions, noise, settings, total).linearised()
 
 
 @pytest.fixture(scope="module")

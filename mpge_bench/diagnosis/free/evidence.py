@@ -1,0 +1,109 @@
+"""Whether anything is missing: windows held against those that the rig itself would have made, and against the noise along what effects change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import norm
+
+from mpge_bench.diagnosis.free.windows import Windows
+from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
+from mpge_bench.diagnosis.transitions.choose import Search
+from mpge_bench.diagnosis.transitions.evidence import Comparison, likeness
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, model_of
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.screen import Columns
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What tells whether a simulator leaves more of `target` than the right one would.
+
+    Two tests, each of which counts twice: a permutation test of how much is missed, for what has no direction of its own; and of what is missed along what
+    effects change, by the noise, for what is faint, or shows in a few windows alone, which no permutation tells.
+
+    Attributes:
+        own: windows as the rig itself makes them.
+    """
+
+    target: Windows
+    own: Windows
+    settings: DiagnosisSettings
+
+    @cached_property
+    def of_own(self) -> Array:
+        """What the rig misses of its `own` windows, shape (windows, entries)."""
+        return self.own.residuals((), np.arange(len(self.own)))
+
+    def chance(self, missed: Array, columns: Iterable[Columns], rows: Rows) -> tuple[float, bool]:
+        """p of as much being `missed` of the target, shape (windows, entries), where nothing is missing, and whether it is but an upper bound.
+
+        Args:
+            columns: of the windows `rows`.
+        """
+        sizes = [abs(along(missed[rows], change, self.settings.free)) for one in columns for change in one.changes]
+        least = self.settings.replay.certain  # so far out nobody knows the tails of noise
+        beyond = max(2 * len(sizes) * float(norm.sf(max(sizes) / self.settings.free.allowed)), least) if sizes else 1.0
+        p, is_bound = min(likeness(self.target, missed, self.own, self.of_own, self.settings.replay), (beyond, beyond == least))
+        return min(2 * p, 1.0), is_bound
+
+    def compared(self, columns: Iterable[Columns], rows: Rows) -> Comparison:
+        """Whether there is any mismatch; see `chance`."""
+        missed = self.target.residuals((), np.arange(len(self.target)))
+        floor, size = (float(np.mean(np.median(np.abs(one), axis=0))) for one in (self.of_own, missed))
+        p, is_bound = self.chance(missed, columns, rows)
+        line = f"The rig misses {floor:.3g} standard deviations of the noise in windows of its own (median), and {size:.3g} in those recorded."
+        return Comparison(p, is_bound, p < self.settings.replay.significance, floor, self.settings.verdict.explained * floor, line)
+
+
+def along(missed: Array, change: Array, settings: FreeSettings) -> float:
+    """What is `missed` along an effect's `change`, shapes (windows, entries), in standard deviations of what noise makes of it.
+
+    What is missed by far counts less, and so does a window whose change is far larger than the others', lest one of them decide; 0 where it shows in a few.
+    """
+    weights = 1 / (1 + (missed / settings.outlying) ** 2)
+    length = np.sqrt((change**2 * weights).sum(1))
+    tells = length > settings.telling
+    if tells.sum() < settings.shown:
+        return 0.0
+    each = (missed * change * weights).sum(1)[tells] / length[tells]
+    share = length[tells] / np.hypot(length[tells], np.median(length[tells]))
+    return float((each * share).sum() / np.linalg.norm(share))
+
+
+@dataclass
+class FreeSearch(Search):
+    """One that ends where what is left is the noise."""
+
+    evidence: Evidence = field(kw_only=True)
+
+    def compared(self) -> Comparison:
+        """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
+        test = self.evidence.compared((), self.glance)
+        if test.is_mismatch:
+            return test
+        free, starts = self.evidence.settings.free, sum(len(one.starts) for one in self.hypotheses)
+        self.glance = self.replay.heads(max(len(self.glance), round(free.tested / free.window / starts)))
+        self.know(self.replay, model_of(self.replay, (), (), self.glance, self.settings), self.hypotheses)
+        return self.evidence.compared(self.columns.values(), self.glance)
+
+    def know(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
+        """See `Search`; with long steps."""
+        coarse = self.evidence.target.coarser()
+        super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
+
+    def turns(self) -> list[list[Hypothesis]]:
+        """See `Search`; all at once where windows are smooth, and looks tell: what is drafted without reason takes longer than looks."""
+        is_smooth = self.evidence.settings.free.pinned == self.evidence.settings.smooth.pinned
+        return [list(self.hypotheses)] if is_smooth else super().turns()
+
+    def is_lacking(self, model: Model, share: float) -> bool:
+        """See `Trials`."""
+        missed = self.replay.residuals(model.effects, self.every)
+        return self.evidence.chance(missed, self.columns.values(), self.glance)[0] < self.settings.leftover

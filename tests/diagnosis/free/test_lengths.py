@@ -1,0 +1,46 @@
+"""How long windows are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.free.lengths import longest, stretched
+from mpge_bench.diagnosis.free.motion import motion_of, noise_of
+from mpge_bench.diagnosis.free.simulator import simulator_of
+from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings
+
+from .conftest import Tossed
+
+
+def lengthened(folder: Path) -> FreeSettings:
+    rig = read_rig(folder / "rig.yaml")
+    found = read_recordings(sorted(folder.glob("*.csv")), rig)
+    noise = noise_of(found, rig.layout, {}, DEFAULT.free)
+    motions = [motion_of(one, rig.layout, noise, DEFAULT.free) for one in found]
+    return longest(simulator_of(rig, found, DEFAULT), found, motions, noise, DEFAULT)[0]
+
+
+def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
+    """Gravity that was a sixth too large made as much as the noise within .1 s, and 24 times as much within .4 s."""
+    settings = lengthened(tossed(ground=None))
+    # 60 rows of 8 ms are two windows.
+    assert settings.window == pytest.approx(29 * 0.008)
+    assert settings.windows * settings.window == pytest.approx(DEFAULT.free.windows * DEFAULT.free.window, rel=0.02)
+
+
+def test_what_tumbles_over_a_ground_is_not(tossed: Tossed) -> None:
+    assert lengthened(tossed()) == DEFAULT.free
+
+
+def test_few_recordings_have_as_many_windows_as_a_test_of_chance_asks_for(tossed: Tossed) -> None:
+    assert lengthened(tossed(tosses=5, ground=None)).window == pytest.approx(0.152)
+    assert lengthened(tossed(tosses=2, ground=None)) == DEFAULT.free
+
+
+def test_longer_windows_are_never_none() -> None:
+    found = stretched(DiagnosisSettings(free=FreeSettings(unseen_windows=1)), 0.4)
+    assert min(found.few, found.windows, found.unseen_windows, found.fewest) == 1
