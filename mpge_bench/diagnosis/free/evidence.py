@@ -98,10 +98,32 @@ class FreeSearch(Search):
         coarse = self.evidence.target.coarser()
         super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
 
+    @property
+    def is_smooth(self) -> bool:
+        """Whether windows are long ones, in which looks tell, and derivatives."""
+        return self.evidence.settings.free.pinned == self.evidence.settings.smooth.pinned
+
+    def taken_in(self, model: Model) -> Model:
+        """See `Search`; what is taken in is fitted again about what starts change beside it: beside the rig, whose ground may be level, that is something else.
+
+        All models are judged by that from then on: those that were not as good are forgotten.
+        """
+        richer = super().taken_in(model)
+        if richer is model or not self.is_smooth:
+            return richer
+        rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
+        self.replay = self.evidence.target.linearised(richer.effects)
+        self.models.clear()
+        self.add(model_of(self.replay, (), (), self.rows, self.settings))
+        found = self.add(self.fitted(richer.hypotheses, richer.values))
+        for one in rivals:
+            if not self.late("fitting hypotheses"):
+                self.add(self.fitted(one.hypotheses, one.values))
+        return found
+
     def turns(self) -> list[list[Hypothesis]]:
         """See `Search`; all at once where windows are smooth, and looks tell: what is drafted without reason takes longer than looks."""
-        is_smooth = self.evidence.settings.free.pinned == self.evidence.settings.smooth.pinned
-        return [list(self.hypotheses)] if is_smooth else super().turns()
+        return [list(self.hypotheses)] if self.is_smooth else super().turns()
 
     def is_lacking(self, model: Model, share: float) -> bool:
         """See `Trials`."""

@@ -59,9 +59,10 @@ def diagnose_free(
     search = FreeSearch(fitted, options, workers, clock, settings.replay, advance, evidence=Evidence(fitted, own, settings))
     test = search.compared()
     answer = search.answer() if test.is_mismatch else search.nothing()
-    answer = chosen_by(searched.part(choosing), answer, settings)
+    others = searched.part(choosing)
+    answer = chosen_by(others.linearised(answer.chosen.effects) if search.is_smooth else others, answer, settings)
     where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
-    result = concluded(fitted, unseen, parts.unseen, answer, test, where, _checks(recordings, rig, noise), settings, clock)
+    result = concluded(search.replay, unseen, parts.unseen, answer, test, where, _checks(recordings, rig, noise), settings, clock)
     return result, answer.chosen.effects if result.effects else ()
 
 

@@ -44,7 +44,7 @@ def concluded(
     chosen = answer.chosen
     before, after = (_off(unseen, model.effects) for model in (answer.nominal, chosen))
     taken_back: tuple[str, ...] = ()
-    if chosen.hypotheses and _is_worse(before, after, unseen, settings.replay.beyond_chance):
+    if chosen.hypotheses and is_worse(before, after, unseen, settings.replay.beyond_chance):
         taken_back = (f"{label_of(chosen)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
         chosen, after = answer.nominal, before
 
@@ -94,7 +94,7 @@ def _places(windows: Windows) -> tuple[slice, str]:
     return (slice(0, 3), "m") if windows.layout.floating else (slice(None), "rad")
 
 
-def _is_worse(before: Array, after: Array, windows: Windows, beyond: float) -> bool:
+def is_worse(before: Array, after: Array, windows: Windows, beyond: float) -> bool:
     """Whether windows are off by more `after` than `before`, by so many standard errors: of what shows in few windows the others tell nothing."""
     columns, _ = _places(windows)
     more = ((after**2 - before**2)[..., columns]).sum((1, 2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,15 @@ def test_rows_in_which_predictions_jump_do_not_count_and_the_few_that_answer_do(
     slopes[0, 3] = 1e6
     counted = smooth(slopes, SETTINGS)[:, 0]
     assert np.flatnonzero(counted == 0).tolist() == [3]
+
+
+def test_rounding_of_what_does_not_answer_is_no_jump() -> None:
+    """An effect on x changed z by 1e-12 in most windows, by 1e-10 in some, which did not count at all for that."""
+    slopes = np.full((1, 40, 2), 5.0)
+    slopes[..., 1] = 1e-12
+    slopes[:, 7, 1] = 1e-10
+    assert smooth(slopes, SETTINGS)[7, 0] == 0.0
+    assert (smooth(slopes, replace(SETTINGS, faint=1.0)) == 1.0).all()
 
 
 def test_no_rounding_is_better_than_another() -> None:
