@@ -74,7 +74,7 @@ def concluded(
             "fitted to": f"{len(answer.rows)} windows of {fit.horizon:.3g} s",
             "held out": f"{len(unseen)} windows",
             "models fitted": str(len(answer.models)),
-            "intervals": "coverage not measured",
+            "intervals": "of the noise alone, and too narrow: 3 of 11 true numbers lay in them where another simulator made the recordings",
             "time taken": time_taken(clock.begun, answer.cut),
         },
         settings=settings,

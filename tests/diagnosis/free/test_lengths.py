@@ -25,7 +25,7 @@ def lengthened(folder: Path) -> FreeSettings:
 
 
 def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
-    """Gravity that was a sixth too large made as much as the noise within .1 s, and 24 times as much within .4 s."""
+    """Gravity that was tilted by .2 rad made as much as the noise within .1 s, and 24 times as much within .4 s."""
     settings = lengthened(tossed(ground=None))
     # 60 rows of 8 ms are two windows.
     assert settings.window == pytest.approx(29 * 0.008)
