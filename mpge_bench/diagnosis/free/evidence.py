@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,10 +12,8 @@ from scipy.stats import norm
 
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
-from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import Comparison, likeness
-from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, model_of
-from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.fit import Rows
 from mpge_bench.diagnosis.transitions.screen import Columns
 
 Array = npt.NDArray[np.float64]
@@ -53,9 +51,8 @@ class Evidence:
         p, is_bound = min(likeness(self.target, missed, self.own, self.of_own, self.settings.replay), (beyond, beyond == least))
         return min(2 * p, 1.0), is_bound
 
-    def compared(self, columns: Iterable[Columns], rows: Rows) -> Comparison:
-        """Whether there is any mismatch; see `chance`."""
-        missed = self.target.residuals((), np.arange(len(self.target)))
+    def compared(self, missed: Array, columns: Iterable[Columns], rows: Rows) -> Comparison:
+        """Whether there is any mismatch, where so much is `missed` without effects; see `chance`."""
         floor, size = (float(np.mean(np.median(np.abs(one), axis=0))) for one in (self.of_own, missed))
         p, is_bound = self.chance(missed, columns, rows)
         line = f"The rig misses {floor:.3g} standard deviations of the noise in windows of its own (median), and {size:.3g} in those recorded."
@@ -75,57 +72,3 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
     each = (missed * change * weights).sum(1)[tells] / length[tells]
     share = length[tells] / np.hypot(length[tells], np.median(length[tells]))
     return float((each * share).sum() / np.linalg.norm(share))
-
-
-@dataclass
-class FreeSearch(Search):
-    """One that ends where what is left is the noise."""
-
-    evidence: Evidence = field(kw_only=True)
-
-    def compared(self) -> Comparison:
-        """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
-        test = self.evidence.compared((), self.glance)
-        if test.is_mismatch:
-            return test
-        free, starts = self.evidence.settings.free, sum(len(one.starts) for one in self.hypotheses)
-        self.glance = self.replay.heads(max(len(self.glance), round(free.tested / free.window / starts)))
-        self.know(self.replay, model_of(self.replay, (), (), self.glance, self.settings), self.hypotheses)
-        return self.evidence.compared(self.columns.values(), self.glance)
-
-    def know(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
-        """See `Search`; with long steps."""
-        coarse = self.evidence.target.coarser()
-        super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
-
-    @property
-    def is_smooth(self) -> bool:
-        """Whether windows are long ones, in which looks tell, and derivatives."""
-        return self.evidence.settings.free.pinned == self.evidence.settings.smooth.pinned
-
-    def taken_in(self, model: Model) -> Model:
-        """See `Search`; what is taken in is fitted again about what starts change beside it: beside the rig, whose ground may be level, that is something else.
-
-        All models are judged by that from then on: those that were not as good are forgotten.
-        """
-        richer = super().taken_in(model)
-        if richer is model or not self.is_smooth:
-            return richer
-        rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
-        self.replay = self.evidence.target.linearised(richer.effects)
-        self.models.clear()
-        self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        found = self.add(self.fitted(richer.hypotheses, richer.values))
-        for one in rivals:
-            if not self.late("fitting hypotheses"):
-                self.add(self.fitted(one.hypotheses, one.values))
-        return found
-
-    def turns(self) -> list[list[Hypothesis]]:
-        """See `Search`; all at once where windows are smooth, and looks tell: what is drafted without reason takes longer than looks."""
-        return [list(self.hypotheses)] if self.is_smooth else super().turns()
-
-    def is_lacking(self, model: Model, share: float) -> bool:
-        """See `Trials`."""
-        missed = self.replay.residuals(model.effects, self.every)
-        return self.evidence.chance(missed, self.columns.values(), self.glance)[0] < self.settings.leftover

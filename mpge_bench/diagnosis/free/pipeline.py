@@ -17,11 +17,12 @@ from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.free.evidence import Evidence, FreeSearch
+from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
 from mpge_bench.diagnosis.free.lengths import longest
 from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
 from mpge_bench.diagnosis.free.regimes import places
+from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.free.simulator import simulator_of
 from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
@@ -70,8 +71,8 @@ def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings
     """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
     free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
     own = {name: getattr(free, name) for name in (*names, "material", "equal", "faint")}
-    search = replace(settings.replay, block=1, stretch=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
-    search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries, fitted_noisy=free.windows * entries)
+    search = replace(settings.replay, block=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
+    search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
     return replace(settings, replay=replace(search, **own))
 
 

@@ -129,22 +129,24 @@ class Windows:
 
     def linearised(self, effects: Sequence[Effect] = ()) -> Windows:
         """The same windows, with derivatives of the simulator with `effects` about the likeliest starts; twice, since starts as recorded may be far off."""
-        return self._differenced(effects, (1,))._differenced(effects, (1, -1))
+        return self._differenced(effects, central=False)._differenced(effects, central=True)
 
-    def _differenced(self, effects: Sequence[Effect], signs: Sequence[int]) -> Windows:
-        """One such step, by differences as wide as the starts' spread to the sides of `signs`: narrower ones would see the jerks of single contacts."""
-        every = np.arange(len(self))
+    def _differenced(self, effects: Sequence[Effect], central: bool) -> Windows:
+        """One such step, by differences as wide as the starts' spread, to one side or both: narrower ones would see the jerks of single contacts."""
+        every, coarse = np.arange(len(self)), self.coarser()
         missed = np.nan_to_num(self.missed(self._rolled(effects, every, self.shift), every))
         shift = self.shift + self._likelier(missed, every)
-        coarse = self.coarser()
-        here = self.missed(coarse._rolled(effects, every, shift), every) if len(signs) == 1 else None
+
+        def beside(step: Array) -> Array:
+            return self.missed(coarse._rolled(effects, every, shift + step), every)
+
+        here = None if central else beside(np.zeros_like(shift))
         slopes = np.empty_like(self.slopes)
         for direction in range(shift.shape[1]):
             step = np.zeros_like(shift)
             step[:, direction] = self.spread[:, direction]
-            there = [self.missed(coarse._rolled(effects, every, shift + sign * step), every) for sign in signs]
-            difference = there[0] - (there[1] if here is None else here)
-            slopes[..., direction] = -difference / (len(signs) * self.spread[:, direction, None])
+            behind = beside(-step) if here is None else here
+            slopes[..., direction] = (behind - beside(step)) / ((2 if central else 1) * self.spread[:, direction, None])
         return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
 
     def imagined(self, seed: int) -> Windows:

@@ -6,22 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from mpge_bench.diagnosis.data.checks import read_recordings
-from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.free.lengths import longest, stretched
-from mpge_bench.diagnosis.free.motion import motion_of, noise_of
-from mpge_bench.diagnosis.free.simulator import simulator_of
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings
 
 from .conftest import Tossed
+from .test_windows import measured
 
 
 def lengthened(folder: Path) -> FreeSettings:
-    rig = read_rig(folder / "rig.yaml")
-    found = read_recordings(sorted(folder.glob("*.csv")), rig)
-    noise = noise_of(found, rig.layout, {}, DEFAULT.free)
-    motions = [motion_of(one, rig.layout, noise, DEFAULT.free) for one in found]
-    return longest(simulator_of(rig, found, DEFAULT), found, motions, noise, DEFAULT)[0]
+    return longest(*measured(folder), DEFAULT)[0]
 
 
 def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:

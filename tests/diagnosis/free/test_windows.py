@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.data.checks import read_recordings
+from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import read_rig
-from mpge_bench.diagnosis.free.motion import motion_of, noise_of
-from mpge_bench.diagnosis.free.simulator import simulator_of
+from mpge_bench.diagnosis.free.motion import Motion, Noise, motion_of, noise_of
+from mpge_bench.diagnosis.free.simulator import Simulator, simulator_of
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT, FreeSettings
 from mpge_bench.envs.effects import ContactFriction
@@ -22,12 +23,16 @@ from .conftest import Tossed
 HIDDEN = (ContactFriction("brick", 0.15),)
 
 
-def made(folder: Path, total: int = 30, settings: FreeSettings = DEFAULT.free) -> Windows:
+def measured(folder: Path) -> tuple[Simulator, list[Recording], list[Motion], Noise]:
+    """What windows are made of."""
     rig = read_rig(folder / "rig.yaml")
     found = read_recordings(sorted(folder.glob("*.csv")), rig)
     noise = noise_of(found, rig.layout, {}, DEFAULT.free)
-    motions = [motion_of(one, rig.layout, noise, DEFAULT.free) for one in found]
-    return windows_of(simulator_of(rig, found, DEFAULT), found, motions, noise, settings, total).linearised()
+    return simulator_of(rig, found, DEFAULT), found, [motion_of(one, rig.layout, noise, DEFAULT.free) for one in found], noise
+
+
+def made(folder: Path, total: int = 30, settings: FreeSettings = DEFAULT.free) -> Windows:
+    return windows_of(*measured(folder), settings, total).linearised()
 
 
 @pytest.fixture(scope="module")
