@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.free.motion import Motion
 from mpge_bench.diagnosis.free.simulator import Simulator
 from mpge_bench.diagnosis.settings import ReplaySettings
@@ -16,6 +17,8 @@ from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, Scales, list
 from mpge_bench.envs.effects import CATALOGUE, Scale
 
 Array = npt.NDArray[np.float64]
+#: N m: a joint's torque may not be 0, as searches start from shares of it.
+FAINTEST = 1e-6
 
 
 def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> list[Hypothesis]:
@@ -35,6 +38,7 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     layout, model = rig.layout, rig.changed()
     states = np.concatenate([one.state for one in motions])
     turns, speeds = layout.q(states)[:, layout.nq - layout.joints :], layout.dq(states)[:, layout.nv - layout.joints :]
+    accelerations = np.concatenate([np.diff(layout.dq(one.state), axis=0) for one in motions])[:, layout.nv - layout.joints :] / simulator.period
     commands = np.concatenate([one.u for one in recordings])
     low, high = world.room()
     size, pull = float(np.max(high - low)) / 2, float(np.linalg.norm(model.gravity or rig.gravity))
@@ -55,16 +59,18 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     )
     found: dict[str, Scale] = {}
     for column, joint in enumerate(rig.joints):
-        torque = commands[:, column] if rig.modes[joint] == "torque" else np.full(1, settings.least_torque)
-        servo = rig.servo(joint)
+        inertia, servo = world.inertia_of(joint), rig.servo(joint)
+        delivered = _delivered(rig, joint, commands[:, column], turns[:, column], speeds[:, column], settings)
+        # What carries and brakes a joint without a motor is not known: at least what accelerates it.
+        torque = max(_rms(delivered), inertia * _rms(accelerations[:, column]), FAINTEST)
         found[joint] = replace(
             plain,
-            torque=max(_rms(torque), settings.least_torque),
-            limit=max(float(np.abs(torque).max()), settings.least_torque),
+            torque=torque,
+            limit=max(float(np.abs(delivered).max()), torque),
             speed=max(_rms(speeds[:, column]), settings.least_motion),
             top_speed=max(float(np.abs(speeds[:, column]).max()), settings.least_motion),
             angle=max(float(np.std(turns[:, column])), settings.least_motion),
-            inertia=world.inertia_of(joint),
+            inertia=inertia,
             damping=damping.get(joint, (0.0, 0.0))[0],
             rotor=rig.robot.armature.get(joint, 0.0) if rig.robot else 0.0,
             servo_period=simulator.period if rig.robot and rig.robot.servos else servo.servo_period if servo else 0.0,
@@ -78,6 +84,17 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
         links[link] = replace(plain, mass=mass, length=length, torque=weight, friction=rubs, restitution=bounces)
     touched = next((one for one in links.values() if one.friction), plain)
     return Scales(found, links | {"*": touched}, replace(touched, length=size))
+
+
+def _delivered(rig: Rig, joint: str, commands: Array, turns: Array, speeds: Array, settings: ReplaySettings) -> Array:
+    """Torques that the motor of `joint` is believed to have delivered, all shaped (rows,)."""
+    if rig.robot and rig.robot.servos:
+        return np.full(1, settings.least_torque)
+    if rig.modes[joint] == "passive":
+        return np.zeros(1)
+    servo = rig.servo(joint)
+    # NaN is a servo switched off.
+    return np.nan_to_num(servo.kp * (commands - turns) - servo.kd * speeds) if servo else commands
 
 
 def _rms(values: Array) -> float:

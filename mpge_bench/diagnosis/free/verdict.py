@@ -48,17 +48,20 @@ def concluded(
         taken_back = (f"{label_of(chosen)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
         chosen, after = answer.nominal, before
 
+    told = _most_missed(before, unseen)
+    part, _ = _parts(unseen)[told]
+
     def error_of(effects: tuple[Effect, ...]) -> float | None:
         try:
-            return _typical(_off(unseen, effects), unseen)
+            return _size(_off(unseen, effects)[..., part])
         except UserError:
             return None
 
     verdict = verdict_of(chosen, test, exact=False)
-    fit = _accuracy(unseen, before, after)
+    fit = _accuracy(unseen, before, after, told)
     named = bounded(fitted, chosen, answer.rows, settings)
     equals = confused(chosen, answer.equals, settings)
-    lines = _summary(verdict, test, [said(*one) for one in named], fit, where, answer)
+    lines = _summary(verdict, test, [said(*one) for one in named], fit, told, where, answer)
     return DiagnosisResult(
         verdict,
         test.p_value,
@@ -89,42 +92,48 @@ def _off(windows: Windows, effects: Sequence[Effect]) -> Array:
     return np.asarray(missed.reshape(len(windows), -1, windows.layout.nv) * windows.noise)
 
 
-def _places(windows: Windows) -> tuple[slice, str]:
-    """The coordinates by which errors are told, and their unit: where a free base is, else the joints."""
-    return (slice(0, 3), "m") if windows.layout.floating else (slice(None), "rad")
+def _parts(windows: Windows) -> dict[str, tuple[slice, str]]:
+    """The coordinates by which errors are told, and their unit: where a free base is, how it is turned, and the joints (m and rad alike where some slide)."""
+    base, rig = windows.layout.nv - windows.layout.joints, windows.simulator.rig
+    parts = {"place": (slice(0, 3), "m"), "orientation": (slice(3, 6), "rad")} if base else {}
+    units = {rig.units(joint).position for joint in rig.joints}
+    return {**parts, "joints": (slice(base, None), " or ".join(sorted(units)))} if rig.joints else parts
 
 
 def is_worse(before: Array, after: Array, windows: Windows, beyond: float) -> bool:
     """Whether windows are off by more `after` than `before`, by so many standard errors: of what shows in few windows the others tell nothing."""
-    columns, _ = _places(windows)
-    more = ((after**2 - before**2)[..., columns]).sum((1, 2))
+    more = (((after**2 - before**2) / windows.noise**2)).sum((1, 2))
     return bool(more.mean() > beyond * more.std() / np.sqrt(len(more)))
 
 
-def _typical(off: Array, windows: Windows) -> float:
-    columns, _ = _places(windows)
-    return float(np.sqrt(np.mean((off[..., columns] ** 2).sum(-1))))
+def _size(off: Array) -> float:
+    return float(np.sqrt(np.mean((off**2).sum(-1))))
 
 
-def _accuracy(windows: Windows, before: Array, after: Array) -> Accuracy:
-    columns, unit = _places(windows)
-    floor = float(np.sqrt((windows.noise[columns] ** 2).sum()))
-    names = ("place", "orientation") if windows.layout.floating else ()
-    parts = {name: slice(3 * index, 3 * index + 3) for index, name in enumerate(names)}
+def _most_missed(before: Array, windows: Windows) -> str:
+    """The part by which errors are told: the place of a free base, or the joints where these are missed by more, by their noise."""
+    parts = {name: columns for name, (columns, _) in _parts(windows).items() if name != "orientation"}
+    return max(parts, key=lambda name: _size(before[..., parts[name]]) / _size(windows.noise[parts[name]]))
+
+
+def _accuracy(windows: Windows, before: Array, after: Array, told: str) -> Accuracy:
+    """Errors of the part `told`, and of all channels."""
+
+    def errors(columns: slice, unit: str) -> Errors:
+        return Errors(_size(before[..., columns]), _size(after[..., columns]), _size(windows.noise[columns]), unit)
+
+    parts, rig = _parts(windows), windows.simulator.rig
     base = windows.layout.nv - windows.layout.joints
-    parts |= {joint: slice(base + index, base + index + 1) for index, joint in enumerate(windows.simulator.rig.joints)}
-    channels = {}
-    for name, part in parts.items():
-        sizes = [float(np.sqrt(np.mean((off[..., part] ** 2).sum(-1)))) for off in (before, after)]
-        own = "m" if name == "place" or windows.simulator.rig.is_slide(name) else "rad"
-        channels[name] = Errors(sizes[0], sizes[1], float(np.sqrt((windows.noise[part] ** 2).sum())), own)
-    horizon = windows.measured.shape[1] * windows.simulator.period
-    return Accuracy(horizon, Errors(_typical(before, windows), _typical(after, windows), floor, unit), channels)
+    channels = {name: errors(*part) for name, part in parts.items() if name != "joints"}
+    channels |= {joint: errors(slice(base + index, base + index + 1), rig.units(joint).position) for index, joint in enumerate(rig.joints)}
+    return Accuracy(windows.measured.shape[1] * windows.simulator.period, errors(*parts[told]), channels)
 
 
-def _summary(verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, where: Sequence[Place], answer: Answer) -> tuple[str, ...]:
+def _summary(
+    verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, told: str, where: Sequence[Place], answer: Answer
+) -> tuple[str, ...]:
     held = fit.held_out
-    error = f"Held-out prediction error, {fit.horizon:.2g} s ahead: "
+    error = f"Held-out prediction error of the {told}, {fit.horizon:.2g} s ahead: "
     if verdict == "no_mismatch":
         return (f"No mismatch: the simulator does what was recorded ({chance(test)}).", f"{error}{held.before:.3g} {held.unit}.")
     lines = list(named)
