@@ -64,6 +64,10 @@ class RecordedWindows:
         """Readings of a window."""
         return int(np.prod(self.predictor.measured.shape[1:]))
 
+    def coarser(self) -> RecordedWindows:
+        """Itself: it predicts whole batches."""
+        return self
+
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What the simulator with `effects` misses in windows `rows`, in standard deviations of the noise, shape (rows, entries)."""
         found = self.posed.predictions(self.predictor.linear, effects, self.predictor.first)

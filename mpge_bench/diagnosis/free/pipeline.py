@@ -48,11 +48,9 @@ def diagnose_free(
     simulator = simulator_of(rig, recordings, settings)
     noise = noise_of(parts.searched.recordings, rig.layout, dict(rig.noise), settings.free)
     motions, later = ([motion_of(one, rig.layout, noise, settings.free) for one in some] for some in (parts.searched.recordings, parts.unseen))
-    free, own = longest(simulator, parts.searched.recordings, motions, noise, settings)
+    free, searched, own = longest(simulator, parts.searched.recordings, motions, noise, settings)
     settings = replace(settings, free=free)
-    searched = windows_of(simulator, parts.searched.recordings, motions, noise, settings.free, settings.free.windows)
     unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
-    searched = searched.linearised()
     choosing = _choosing(searched, settings)
     fitted = searched.part(~choosing)
     settings = _for_windows(settings, fitted.entries)
@@ -63,14 +61,15 @@ def diagnose_free(
     others = searched.part(choosing)
     answer = chosen_by(others.linearised(answer.chosen.effects) if search.is_smooth else others, answer, settings)
     where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
-    result = concluded(search.replay, unseen, parts.unseen, answer, test, where, _checks(recordings, rig, noise), settings, clock)
-    return result, answer.chosen.effects if result.effects else ()
+    settled = search.settled(answer.chosen)
+    result = concluded(search.replay, unseen, parts.unseen, answer, settled, test, where, _checks(recordings, rig, noise), settings, clock)
+    return result, settled.effects if result.effects else ()
 
 
 def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings:
     """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
     free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
-    own = {name: getattr(free, name) for name in (*names, "material", "equal", "faint")}
+    own = {name: getattr(free, name) for name in (*names, "material", "equal", "faint", "standing_for", "jump")}
     search = replace(settings.replay, block=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
     search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
     return replace(settings, replay=replace(search, **own))

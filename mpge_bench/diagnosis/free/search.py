@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from mpge_bench.diagnosis.free.evidence import Evidence
+from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import Comparison
-from mpge_bench.diagnosis.transitions.fit import Model, Predictor, model_of
+from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, model_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -17,6 +23,8 @@ class FreeSearch(Search):
     """One that ends where what is left is the noise."""
 
     evidence: Evidence = field(kw_only=True)
+    #: That windows are linearised about.
+    last: Model | None = None
 
     def compared(self) -> Comparison:
         """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
@@ -29,10 +37,20 @@ class FreeSearch(Search):
         self.know(self.replay, nominal, self.hypotheses)
         return self.evidence.compared(nominal.residuals, self.columns.values(), self.glance)
 
+    def drafted(self, model: Model) -> Predictor:
+        """See `Search`; with long steps in smooth windows."""
+        return self.windows.quicker(model.effects) if self.is_smooth else self.windows
+
     def know(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """See `Search`; with long steps."""
-        coarse = self.evidence.target.coarser()
+        coarse = replay.coarser()
         super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
+
+    @property
+    def windows(self) -> Windows:
+        """What models are fitted to, linearised about the last one that was taken in."""
+        assert isinstance(self.replay, Windows)
+        return self.replay
 
     @property
     def is_smooth(self) -> bool:
@@ -48,14 +66,32 @@ class FreeSearch(Search):
         if richer is model or not self.is_smooth:
             return richer
         rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
-        self.replay = self.evidence.target.linearised(richer.effects)
+        found = self.settled(richer)
         self.models.clear()
         self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        found = self.add(self.fitted(richer.hypotheses, richer.values))
+        self.add(found)
         for one in rivals:
             if not self.late("fitting hypotheses"):
                 self.add(self.fitted(one.hypotheses, one.values))
         return found
+
+    def settled(self, model: Model) -> Model:
+        """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off."""
+        free = self.evidence.settings.free
+        if not model.hypotheses or not self.is_smooth or model is self.last:
+            return model
+        for _ in range(free.settled):
+            if self.late("fitting the answer to its end"):
+                break
+            self.replay = self.windows.relinearised(model.effects)
+            found = self.fitted(model.hypotheses, model.values)
+            moved = np.abs(Parameters.vector(found.values) - Parameters.vector(model.values))
+            model = found
+            _log.debug("settled %s: %.4g, %.3g", model.values, model.description, model.missed)
+            if (moved <= free.still * standard_errors(self.replay, model, self.rows, self.settings)).all():
+                break
+        self.last = model
+        return model
 
     def turns(self) -> list[list[Hypothesis]]:
         """See `Search`; all at once where windows are smooth, and looks tell: what is drafted without reason takes longer than looks."""

@@ -30,6 +30,7 @@ class Simulator:
         remembered: rows before a start through which what effects remember is driven.
         run_in: the last of them, in which the simulator runs: contacts that were there before go on otherwise than new ones.
         worlds: by the effects that alter the model: to make one takes as long as hundreds of steps.
+        coarse: the last one with longer steps.
     """
 
     rig: Rig
@@ -38,11 +39,14 @@ class Simulator:
     remembered: int
     run_in: int
     worlds: Memory[tuple[Effect, ...], World] = field(default_factory=lambda: Memory(4))
+    coarse: Memory[int, Simulator] = field(default_factory=lambda: Memory(1))
 
     def coarser(self, times: int) -> Simulator:
         """One with steps as many times as long, or as many as divide the substeps: for differences between predictions, which hardly depend on the step."""
         times = max(number for number in range(1, times + 1) if self.substeps % number == 0)
-        return replace(self, step=self.step * times, substeps=self.substeps // times, worlds=Memory(4))
+        return self.coarse.get(
+            times, lambda: replace(self, step=self.step * times, substeps=self.substeps // times, worlds=Memory(4), coarse=Memory(1))
+        )
 
     @property
     def period(self) -> float:

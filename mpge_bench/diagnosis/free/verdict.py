@@ -13,7 +13,7 @@ from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import Comparison
-from mpge_bench.diagnosis.transitions.fit import Predictor
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor
 from mpge_bench.diagnosis.transitions.verdict import bounded, confused, found_of, label_of, rivals, said, verdict_of
 from mpge_bench.diagnosis.verdict.evidence import Evidence, Trajectory
 from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult, Errors, Place
@@ -29,6 +29,7 @@ def concluded(
     unseen: Windows,
     recordings: Sequence[Recording],
     answer: Answer,
+    settled: Model,
     test: Comparison,
     where: Sequence[Place],
     checks: Sequence[str],
@@ -40,8 +41,9 @@ def concluded(
     Args:
         fitted: windows that models were fitted to.
         unseen: windows of `recordings`, at which nobody has looked.
+        settled: what was chosen, fitted to its end; the others are not.
     """
-    chosen = answer.chosen
+    chosen = settled
     before, after = (_off(unseen, model.effects) for model in (answer.nominal, chosen))
     taken_back: tuple[str, ...] = ()
     if chosen.hypotheses and is_worse(before, after, unseen, settings.replay.beyond_chance):
@@ -67,7 +69,7 @@ def concluded(
         test.p_value,
         tuple(where) if verdict != "no_mismatch" else (),
         found_of(named),
-        rivals(answer, chosen, error_of, settings),
+        rivals(answer, answer.chosen if chosen is settled else chosen, error_of, settings),
         equals,
         fit,
         not answer.cut,
@@ -102,7 +104,7 @@ def _parts(windows: Windows) -> dict[str, tuple[slice, str]]:
 
 def is_worse(before: Array, after: Array, windows: Windows, beyond: float) -> bool:
     """Whether windows are off by more `after` than `before`, by so many standard errors: of what shows in few windows the others tell nothing."""
-    more = (((after**2 - before**2) / windows.noise**2)).sum((1, 2))
+    more = ((after**2 - before**2) / windows.noise**2).sum((1, 2))
     return bool(more.mean() > beyond * more.std() / np.sqrt(len(more)))
 
 

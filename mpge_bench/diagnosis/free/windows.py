@@ -37,6 +37,7 @@ class Windows:
         shift: change of the start about which the simulator is linearised, shape (n, 2 nv).
         slopes: derivatives of what it misses by that change, in standard deviations of `noise`, shape (n, rows · nv, 2 nv).
         settings: of the whole.
+        offset: what `simulator` misses too little by its long steps, shape (n, rows · nv); None where that is nothing.
     """
 
     simulator: Simulator
@@ -51,6 +52,7 @@ class Windows:
     shift: Array
     slopes: Array
     settings: FreeSettings
+    offset: Array | None = None
 
     def __len__(self) -> int:
         return len(self.start)
@@ -63,7 +65,7 @@ class Windows:
     def part(self, chosen: npt.NDArray[np.bool_] | Rows) -> Windows:
         """Some of the windows."""
         index = np.arange(len(self))[chosen]
-        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes")
+        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes", *(("offset",) if self.offset is not None else ()))
         return replace(self, past=tuple(self.past[one] for one in index), **{name: getattr(self, name)[index] for name in names})
 
     def heads(self, total: int) -> Rows:
@@ -90,7 +92,16 @@ class Windows:
 
     def coarser(self) -> Windows:
         """The same, predicted with longer steps where the simulator is slow, for what effects change: by motors, which are asked at each step."""
-        return replace(self, simulator=self.simulator.coarser(self.settings.coarse)) if self.simulator.rig.joints else self
+        coarse, joints = self.settings.coarse, self.simulator.rig.joints
+        return replace(self, simulator=self.simulator.coarser(coarse), settings=replace(self.settings, coarse=1)) if joints and coarse > 1 else self
+
+    def quicker(self, effects: Sequence[Effect]) -> Windows:
+        """The same, predicted with longer steps, and put right by what these change beside `effects`."""
+        coarse, every = self.coarser(), np.arange(len(self))
+        if coarse is self:
+            return self
+        fine, rough = (one.missed(one._rolled(effects, every, self.shift), every) for one in (self, coarse))
+        return replace(coarse, offset=np.nan_to_num(fine - rough))
 
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What the simulator with `effects` misses, from the starts that are likeliest given both what was recorded at them and after them.
@@ -107,6 +118,8 @@ class Windows:
             missed = np.nan_to_num(self.missed(self._rolled(effects, rows, self.shift[rows]), rows), nan=worst)
         except UserError:
             return np.full((len(rows), self.slopes.shape[1] + self.slopes.shape[2]), worst)
+        if self.offset is not None:
+            missed = missed + self.offset[rows]
         step = self._likelier(missed, rows)
         left = missed - np.einsum("wei,wi->we", self.slopes[rows], step)
         return np.asarray(np.clip(np.concatenate((left, (self.shift[rows] + step) / self.spread[rows]), 1), -worst, worst))
@@ -130,6 +143,22 @@ class Windows:
     def linearised(self, effects: Sequence[Effect] = ()) -> Windows:
         """The same windows, with derivatives of the simulator with `effects` about the likeliest starts; twice, since starts as recorded may be far off."""
         return self._differenced(effects, central=False)._differenced(effects, central=True)
+
+    def relinearised(self, effects: Sequence[Effect]) -> Windows:
+        """The same windows linearised about what starts change beside `effects`, but for those of which more is missed from there: they jump."""
+        moved = self._differenced(effects, central=True)
+        nearer = self._cost(effects, moved.shift) <= self._cost(effects, self.shift)
+
+        def of_nearer(own: Array, other: Array) -> Array:
+            return np.where(nearer.reshape(-1, *[1] * (own.ndim - 1)), other, own)
+
+        return replace(self, shift=of_nearer(self.shift, moved.shift), slopes=of_nearer(self.slopes, moved.slopes))
+
+    def _cost(self, effects: Sequence[Effect], shift: Array) -> Array:
+        """What `_likelier` lowers, from the starts at `shift`, shape (windows,)."""
+        every, pinned = np.arange(len(self)), self.settings.pinned
+        missed = np.nan_to_num(self.missed(self._rolled(effects, every, shift), every), nan=self.settings.worst)
+        return np.asarray((pinned**2 * np.log1p((missed / pinned) ** 2)).sum(1) + ((shift / self.spread) ** 2).sum(1))
 
     def _differenced(self, effects: Sequence[Effect], central: bool) -> Windows:
         """One such step, by differences as wide as the starts' spread, to one side or both: narrower ones would see the jerks of single contacts."""

@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted,
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.many import usual_differences
 from mpge_bench.diagnosis.transitions.replay import Replay
-from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again, together
+from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again, share_of, together
 from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
 
 Array = npt.NDArray[np.float64]
@@ -242,10 +242,13 @@ class Search(Trials):
         if len(model.hypotheses) < 2:
             return model
         blamed = {target for one in model.hypotheses for target in one.targets}
-        nominal = model_of(self.drafted(self.models[frozenset()]), (), (), self.glance, self.settings)
+        replay = self.drafted(self.models[frozenset()])
+        nominal, whole = (model_of(replay, one.hypotheses, one.values, self.glance, self.settings) for one in (self.models[frozenset()], model))
         columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
         known = [look(nominal, one, self.settings) for one in columns]
-        least = self.settings.promising * max((one.gain for one in known), default=0.0)
+        least = max(
+            self.settings.promising * max((one.gain for one in known), default=0.0), self.settings.standing_for * share_of(whole, nominal, self.settings)
+        )
         known = sorted((one for one in known if one.gain > least), key=lambda one: (one.hypotheses[0].size, -one.gain))
         if self.late("one effect in the place of several"):
             return model

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -29,6 +29,9 @@ class Pieces(Protocol):
     def entries(self) -> int:
         """Residuals of a piece."""
 
+    def coarser(self) -> Pieces:
+        """The same, predicted in less time where that does not change what effects change; itself where nothing does."""
+
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         """What it misses of the pieces `rows`, shape (rows, entries)."""
 
@@ -38,6 +41,9 @@ class Pieces(Protocol):
 
 class Predictor(Pieces, Protocol):
     """Pieces among which models can be searched for, too."""
+
+    def coarser(self) -> Predictor:
+        """See `Pieces`."""
 
     @property
     def sets(self) -> int:
@@ -178,7 +184,10 @@ class Parameters:
         """Derivatives of the predictions by each parameter in `unit`, shape (parameters, rows, entries)."""
         step = difference * unit
         moved = at + np.diag(np.where(at + step <= self.bounds[1], step, -step))
-        found = self.workers.each(_left, (self,), list(moved)) if self.workers else [self.left(one) for one in moved]
+        coarse = replace(self, replay=self.replay.coarser())
+        if coarse.replay is not self.replay:
+            residuals = coarse.left(at)
+        found = self.workers.each(_left, (coarse,), list(moved)) if self.workers else [coarse.left(one) for one in moved]
         return np.array([(residuals - one) / ((own[index] - at[index]) / unit[index]) for index, (one, own) in enumerate(zip(found, moved, strict=True))])
 
     def __getstate__(self) -> dict[str, Any]:
@@ -293,9 +302,10 @@ def smooth(slopes: Array, settings: ReplaySettings) -> Array:
 
 
 def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
-    """Of all parameters of `model`, shape (parameters,), from the spread of blocks of rows about the fit; infinite where the transitions do not tell.
+    """Of all parameters of `model`, shape (parameters,), from how the fit moves without each block of rows; infinite where no two blocks tell one.
 
-    The estimator is the sandwich of weighted least squares, blocks of neighbouring rows being the independent pieces of evidence (Liang and Zeger 1986).
+    The estimator is the cluster jackknife, to first order, blocks of neighbouring rows being the independent pieces of evidence (CR3 of Bell and McCaffrey
+    2002): where few blocks tell a parameter the sandwich of Liang and Zeger is too small.
     """
     if not model.size:
         return np.zeros(0)
@@ -303,11 +313,11 @@ def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: Repla
     residuals, unit = model.residuals, whole.unit(model.values)
     slopes = whole.slopes(residuals, whole.vector(model.values), unit, settings.difference)
     weights = _weights(slopes, residuals, settings)
-    gram = np.einsum("are,bre,re->ab", slopes, slopes, weights)
-    told = np.diagonal(gram) > settings.told * len(rows)
     block = np.arange(len(rows)) // settings.block
-    scores = np.zeros((block[-1] + 1, len(unit)))
+    shares, scores = np.zeros((block[-1] + 1, len(unit), len(unit))), np.zeros((block[-1] + 1, len(unit)))
+    np.add.at(shares, block, np.einsum("are,bre,re->rab", slopes, slopes, weights))
     np.add.at(scores, block, np.einsum("are,re,re->ra", slopes, weights, residuals))
-    inverse = np.linalg.pinv(gram, rcond=1e-10)
-    covariance = inverse @ scores.T @ scores @ inverse
-    return np.where(told, np.sqrt(np.maximum(np.diagonal(covariance), 0)) * unit, np.inf)
+    others = shares.sum(0) - shares
+    told = (np.diagonal(others, axis1=1, axis2=2) > settings.told * len(rows)).all(0)
+    moved = np.einsum("bij,bj->bi", np.linalg.pinv(others, rcond=1e-10, hermitian=True), scores)
+    return np.where(told, np.sqrt((moved**2).sum(0) * (1 - 1 / len(scores))) * unit, np.inf)

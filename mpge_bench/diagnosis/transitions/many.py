@@ -108,6 +108,9 @@ class _Some:
     def entries(self) -> int:
         return self.replay.entries
 
+    def coarser(self) -> _Some:
+        return self
+
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
         return self.replay.residuals(in_order((*self.effects, *effects)), self.whole)[np.searchsorted(self.whole, rows)]
 

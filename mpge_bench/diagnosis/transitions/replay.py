@@ -84,6 +84,10 @@ class Replay:
         episodes = np.split(np.arange(len(self)), self.episodes.begins[1:])
         return [part for one in episodes for part in np.array_split(one, max(1, len(one) // length))]
 
+    def coarser(self) -> Replay:
+        """Itself: a transition hangs on its steps."""
+        return self
+
     def residuals(self, effects: Sequence[Effect], rows: npt.NDArray[np.int64]) -> Array:
         """What the simulator with `effects` misses of the next observations, in the replay's `unit`.
 

@@ -166,6 +166,11 @@ def _scale(residuals: Array, settings: ReplaySettings) -> Array:
     return settings.softness * scales_of(residuals, settings)
 
 
+def share_of(model: Model, nominal: Model, settings: ReplaySettings) -> float:
+    """Share of the robust cost of `nominal` that `model` takes away."""
+    return _share(nominal.residuals, model.residuals, _scale(nominal.residuals, settings))
+
+
 def _share(before: Array, after: Array, scale: Array) -> float:
     cost = float(np.log1p((before / scale) ** 2).sum())
     return 1 - float(np.log1p((after / scale) ** 2).sum()) / cost if cost > 0 else 0.0

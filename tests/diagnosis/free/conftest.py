@@ -46,3 +46,35 @@ def tossed(tmp_path_factory: pytest.TempPathFactory) -> Tossed:
         return folder
 
     return make
+
+
+PADDLE = """<robot name="paddle">
+<link name="body"><inertial><mass value="0.5"/><inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+<link name="arm"><inertial><origin xyz="0 0 0.08"/><mass value="0.1"/><inertia ixx="2e-4" ixy="0" ixz="0" iyy="2e-4" iyz="0" izz="2e-5"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="body"/><child link="arm"/><origin xyz="0.05 0 0"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.fixture(scope="session")
+def swung(tmp_path_factory: pytest.TempPathFactory) -> Tossed:
+    """Makes a folder with a rig and recordings of a body that falls while its motor of a few hundredths of a N m swings an arm."""
+
+    def make(effects: Sequence[Effect] = (), *, falls: int = 6) -> Path:
+        folder = tmp_path_factory.mktemp("swung")
+        (folder / "paddle.urdf").write_text(PADDLE)
+        rig = {"robot": "paddle.urdf", "base": "free", "timestep": 0.001, "record_period": 0.008, "joints": {"hinge": {"mode": "torque"}}}
+        (folder / "rig.yaml").write_text(yaml.safe_dump(rig))
+        rig, rng = read_rig(folder / "rig.yaml"), np.random.default_rng(0)
+        world, layout = rig.world(effects, substeps=8), rig.layout
+        for fall in range(falls):
+            world.set_state([0, 0, 2, 0, 0, 0, 1, rng.uniform(-0.5, 0.5)], [*rng.uniform(-0.5, 0.5, 6), 0])
+            u = 0.03 * np.sin(rng.uniform(4, 10) * 0.008 * np.arange(60) + rng.uniform(0, 6))[:, None]
+            q, dq = world.roll(u)
+            off = np.concatenate((NOISE * rng.standard_normal((60, 7)), 0.005 * rng.standard_normal((60, 7))), 1)
+            state = layout.plus(layout.state(q, dq), off)
+            # Commands stand beside the states that they act on.
+            values = np.column_stack((0.008 * np.arange(60), np.concatenate((u[1:], u[-1:])), layout.q(state), layout.dq(state)))
+            names = ["time", "u_hinge", *rig.columns["q"], *rig.columns["dq"]]
+            pd.DataFrame(values, columns=names).to_csv(folder / f"fall_{fall:02d}.csv", index=False)
+        return folder
+
+    return make

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.free.lengths import longest, stretched
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings
 
 from .conftest import Tossed
-from .test_windows import measured
+from .test_windows import made, measured
 
 
 def lengthened(folder: Path) -> FreeSettings:
@@ -37,3 +38,14 @@ def test_few_recordings_have_as_many_windows_as_a_test_of_chance_asks_for(tossed
 def test_longer_windows_are_never_none() -> None:
     found = stretched(DiagnosisSettings(free=FreeSettings(unseen_windows=1)), 0.4)
     assert min(found.few, found.windows, found.unseen_windows, found.fewest) == 1
+
+
+def test_windows_that_the_rig_does_not_repeat_are_left_out(tossed: Tossed) -> None:
+    folder = tossed()
+    some = DiagnosisSettings(free=FreeSettings(longer=(1.0,), enough=0.3))
+    free, kept, own = longest(*measured(folder), some)
+    every = made(folder, free.windows)
+    assert free.window == pytest.approx(0.088)
+    assert free.repeats <= len(kept) < len(every)
+    missed = own.residuals((), np.arange(len(own)))[:, : own.slopes.shape[1]]
+    assert np.median(np.sqrt((missed**2).mean(1))) < free.repeated

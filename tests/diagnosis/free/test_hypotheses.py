@@ -1,0 +1,32 @@
+"""From which parameters a search starts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mpge_bench.diagnosis.free.hypotheses import hypotheses
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+
+from .conftest import Tossed
+from .test_windows import measured
+
+
+@pytest.fixture(scope="module")
+def found(swung: Tossed) -> dict[str, Hypothesis]:
+    simulator, recordings, motions, _ = measured(swung(falls=2))
+    return {one.label: one for one in hypotheses(simulator, recordings, motions, DEFAULT.replay)}
+
+
+def test_effects_of_a_small_motor_start_small(found: dict[str, Hypothesis]) -> None:
+    """At least 1 N m was taken for the size of torques: springs began as fifty times what moved the hinge, and looked like nothing in proportion."""
+    spring, friction = (found[f"{name}:hinge"].starts[0] for name in ("joint_spring", "viscous_friction"))
+    assert spring.stiffness < 0.1  # type: ignore[attr-defined]
+    assert friction.damping < 0.01  # type: ignore[attr-defined]
+
+
+def test_no_start_is_absent(found: dict[str, Hypothesis]) -> None:
+    for one in found.values():
+        if one.absent is not None:
+            assert all(not np.array_equal(one.absent, [getattr(start, name) for name in start.parameters]) for start in one.starts)
