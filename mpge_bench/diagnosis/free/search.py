@@ -80,15 +80,16 @@ class FreeSearch(Search):
         free = self.evidence.settings.free
         if not model.hypotheses or not self.is_smooth or model is self.last:
             return model
-        for _ in range(free.settled):
+        for turn in range(free.settled):
             if self.late("fitting the answer to its end"):
                 break
-            self.replay = self.windows.relinearised(model.effects)
+            self.replay = self.windows.relinearised(model.effects, anew=turn == 0)
             found = self.fitted(model.hypotheses, model.values)
             moved = np.abs(Parameters.vector(found.values) - Parameters.vector(model.values))
-            model = found
+            gained, model = model.description - found.description, found
             _log.debug("settled %s: %.4g, %.3g", model.values, model.description, model.missed)
-            if (moved <= free.still * standard_errors(self.replay, model, self.rows, self.settings)).all():
+            # What starts take up bit by bit is not missed by the model, though it looks so.
+            if gained < self.settings.material and (moved <= free.still * standard_errors(self.replay, model, self.rows, self.settings)).all():
                 break
         self.last = model
         return model

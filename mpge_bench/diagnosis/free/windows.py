@@ -144,15 +144,22 @@ class Windows:
         """The same windows, with derivatives of the simulator with `effects` about the likeliest starts; twice, since starts as recorded may be far off."""
         return self._differenced(effects, central=False)._differenced(effects, central=True)
 
-    def relinearised(self, effects: Sequence[Effect]) -> Windows:
-        """The same windows linearised about what starts change beside `effects`, but for those of which more is missed from there: they jump."""
-        moved = self._differenced(effects, central=True)
-        nearer = self._cost(effects, moved.shift) <= self._cost(effects, self.shift)
+    def relinearised(self, effects: Sequence[Effect], *, anew: bool = False) -> Windows:
+        """The same windows linearised about what starts change beside `effects`, but for those of which more is missed from there: they jump.
 
-        def of_nearer(own: Array, other: Array) -> Array:
-            return np.where(nearer.reshape(-1, *[1] * (own.ndim - 1)), other, own)
-
-        return replace(self, shift=of_nearer(self.shift, moved.shift), slopes=of_nearer(self.slopes, moved.slopes))
+        Args:
+            anew: whether to go there from the starts as recorded, too, and to take what is nearer: from where another model led there may be no way.
+        """
+        best, least = self, self._cost(effects, self.shift)
+        others = [self._differenced(effects, central=True)]
+        if anew:
+            others.append(replace(self, shift=np.zeros_like(self.shift)).linearised(effects))
+        for other in others:
+            cost = other._cost(effects, other.shift)
+            nearer = cost <= least
+            shift = np.where(nearer[:, None], other.shift, best.shift)
+            best, least = replace(best, shift=shift, slopes=np.where(nearer[:, None, None], other.slopes, best.slopes)), np.minimum(cost, least)
+        return best
 
     def _cost(self, effects: Sequence[Effect], shift: Array) -> Array:
         """What `_likelier` lowers, from the starts at `shift`, shape (windows,)."""
