@@ -79,7 +79,7 @@ def concluded(
             "fitted to": f"{len(answer.rows)} windows of {fit.horizon:.3g} s",
             "held out": f"{len(unseen)} windows",
             "models fitted": str(len(answer.models)),
-            "intervals": "of the noise alone, and too narrow: 3 of 11 true numbers lay in them where another simulator made the recordings",
+            "intervals": "where another simulator made the recordings 15 of 18 true numbers lay in them, of the laws of contact 1 of 5",
             "time taken": time_taken(clock.begun, answer.cut),
         },
         settings=settings,
