@@ -75,17 +75,22 @@ def concluded(
         not answer.cut,
         (*lines, *taken_back),
         checks=tuple(checks),
-        about={
-            "fitted to": f"{len(answer.rows)} windows of {fit.horizon:.3g} s",
-            "held out": f"{len(unseen)} windows",
-            "models fitted": str(len(answer.models)),
-            "intervals": "where another simulator made the recordings 15 of 18 true numbers lay in them, of the laws of contact 1 of 5",
-            "time taken": time_taken(clock.begun, answer.cut),
-        },
+        about=_about(unseen, answer, fit, clock),
         settings=settings,
         evidence=Evidence(trajectories=_trajectories(unseen, recordings, answer.nominal.effects, chosen.effects)),
         p_is_bound=test.is_bound,
     )
+
+
+def _about(unseen: Windows, answer: Answer, fit: Accuracy, clock: Clock) -> dict[str, str]:
+    """What the answer rests on."""
+    return {
+        "fitted to": f"{len(answer.rows)} windows of {fit.horizon:.3g} s",
+        "held out": f"{len(unseen)} windows",
+        "models fitted": str(len(answer.models)),
+        "intervals": "where another simulator made the recordings 15 of 18 true numbers lay in them, of the laws of contact 1 of 5",
+        "time taken": time_taken(clock.begun, answer.cut),
+    }
 
 
 def _off(windows: Windows, effects: Sequence[Effect]) -> Array:
