@@ -12,16 +12,14 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.free.motion import Motion
 from mpge_bench.diagnosis.free.simulator import Simulator
-from mpge_bench.diagnosis.settings import ReplaySettings
+from mpge_bench.diagnosis.settings import DiagnosisSettings, ReplaySettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, Scales, listed, moved_links
 from mpge_bench.envs.effects import CATALOGUE, Scale
 
 Array = npt.NDArray[np.float64]
-#: N m: a joint's torque may not be 0, as searches start from shares of it.
-FAINTEST = 1e-6
 
 
-def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> list[Hypothesis]:
+def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: DiagnosisSettings) -> list[Hypothesis]:
     """All that are looked for in `recordings`."""
     rig = simulator.rig
     # What recordings of joints alone hardly tell from its twins is looked for where the benchmark's robots may have it.
@@ -32,9 +30,9 @@ def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: S
     return [replace(one, absent=tuple(rig.absent(one.starts[:1]))) if rig.own(one.starts[0]) else one for one in found]
 
 
-def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: ReplaySettings) -> Scales:
+def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], settings: DiagnosisSettings) -> Scales:
     """How large things are."""
-    rig, world = simulator.rig, simulator.world(())
+    rig, world, least = simulator.rig, simulator.world(()), settings.replay
     layout, model = rig.layout, rig.changed()
     states = np.concatenate([one.state for one in motions])
     turns, speeds = layout.q(states)[:, layout.nq - layout.joints :], layout.dq(states)[:, layout.nv - layout.joints :]
@@ -45,11 +43,11 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     touching = model.touching() if rig.ground else ()
     damping = model.take_losses() if rig.robot else {}
     plain = Scale(
-        torque=settings.least_torque,
-        limit=settings.least_torque,
-        speed=settings.least_motion,
-        top_speed=settings.least_motion,
-        angle=settings.least_motion,
+        torque=least.least_torque,
+        limit=least.least_torque,
+        speed=least.least_motion,
+        top_speed=least.least_motion,
+        angle=least.least_motion,
         inertia=1.0,
         mass=1.0,
         length=size,
@@ -60,16 +58,16 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     found: dict[str, Scale] = {}
     for column, joint in enumerate(rig.joints):
         inertia, servo = world.inertia_of(joint), rig.servo(joint)
-        delivered = _delivered(rig, joint, commands[:, column], turns[:, column], speeds[:, column], settings)
+        delivered = _delivered(rig, joint, commands[:, column], turns[:, column], speeds[:, column], least)
         # What carries and brakes a joint without a motor is not known: at least what accelerates it.
-        torque = max(_rms(delivered), inertia * _rms(accelerations[:, column]), FAINTEST)
+        torque = max(_rms(delivered), inertia * _rms(accelerations[:, column]), settings.hypotheses.least_torque)
         found[joint] = replace(
             plain,
             torque=torque,
             limit=max(float(np.abs(delivered).max()), torque),
-            speed=max(_rms(speeds[:, column]), settings.least_motion),
-            top_speed=max(float(np.abs(speeds[:, column]).max()), settings.least_motion),
-            angle=max(float(np.std(turns[:, column])), settings.least_motion),
+            speed=max(_rms(speeds[:, column]), least.least_motion),
+            top_speed=max(float(np.abs(speeds[:, column]).max()), least.least_motion),
+            angle=max(float(np.std(turns[:, column])), least.least_motion),
             inertia=inertia,
             damping=damping.get(joint, (0.0, 0.0))[0],
             rotor=rig.robot.armature.get(joint, 0.0) if rig.robot else 0.0,
@@ -78,9 +76,9 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     links: dict[str, Scale] = {}
     for link in moved_links(model):
         mass, centre, _ = model.inertial(link)
-        length = max(float(np.linalg.norm(centre)), settings.least_length if rig.joints else size)
+        length = max(float(np.linalg.norm(centre)), least.least_length if rig.joints else size)
         rubs, bounces = (model.friction(link), model.restitution(link)) if link in touching else (0.0, 0.0)
-        weight = max(mass * pull * length, settings.least_motion)
+        weight = max(mass * pull * length, least.least_motion)
         links[link] = replace(plain, mass=mass, length=length, torque=weight, friction=rubs, restitution=bounces)
     touched = next((one for one in links.values() if one.friction), plain)
     return Scales(found, links | {"*": touched}, replace(touched, length=size))

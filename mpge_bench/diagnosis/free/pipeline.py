@@ -54,7 +54,7 @@ def diagnose_free(
     choosing = _choosing(searched, settings)
     fitted = searched.part(~choosing)
     settings = _for_windows(settings, fitted.entries)
-    options = hypotheses(simulator, parts.searched.recordings, motions, settings.replay)
+    options = hypotheses(simulator, parts.searched.recordings, motions, settings)
     search = FreeSearch(fitted, options, workers, clock, settings.replay, advance, evidence=Evidence(fitted, own, settings))
     test = search.compared()
     answer = search.answer() if test.is_mismatch else search.nothing()

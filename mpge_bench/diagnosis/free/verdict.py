@@ -43,12 +43,13 @@ def concluded(
         unseen: windows of `recordings`, at which nobody has looked.
         settled: what was chosen, fitted to its end; the others are not.
     """
-    chosen = settled
-    before, after = (_off(unseen, model.effects) for model in (answer.nominal, chosen))
+    chosen = answer.chosen
+    before, after = (_off(unseen, model.effects) for model in (answer.nominal, settled))
     taken_back: tuple[str, ...] = ()
-    if chosen.hypotheses and is_worse(before, after, unseen, settings.replay.beyond_chance):
-        taken_back = (f"{label_of(chosen)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
-        chosen, after = answer.nominal, before
+    if settled.hypotheses and is_worse(before, after, unseen, settings.replay.beyond_chance):
+        taken_back = (f"{label_of(settled)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
+        chosen = settled = answer.nominal
+        after = before
 
     told = _most_missed(before, unseen)
     part, _ = _parts(unseen)[told]
@@ -59,17 +60,17 @@ def concluded(
         except UserError:
             return None
 
-    verdict = verdict_of(chosen, test, exact=False)
+    verdict = verdict_of(settled, test, exact=False)
     fit = _accuracy(unseen, before, after, told)
-    named = bounded(fitted, chosen, answer.rows, settings)
-    equals = confused(chosen, answer.equals, settings)
+    named = bounded(fitted, settled, answer.rows, settings)
+    equals = confused(settled, answer.equals, settings)
     lines = _summary(verdict, test, [said(*one) for one in named], fit, told, where, answer)
     return DiagnosisResult(
         verdict,
         test.p_value,
         tuple(where) if verdict != "no_mismatch" else (),
         found_of(named),
-        rivals(answer, answer.chosen if chosen is settled else chosen, error_of, settings),
+        rivals(answer, chosen, error_of, settings),
         equals,
         fit,
         not answer.cut,
@@ -77,7 +78,7 @@ def concluded(
         checks=tuple(checks),
         about=_about(unseen, answer, fit, clock),
         settings=settings,
-        evidence=Evidence(trajectories=_trajectories(unseen, recordings, answer.nominal.effects, chosen.effects)),
+        evidence=Evidence(trajectories=_trajectories(unseen, recordings, answer.nominal.effects, settled.effects)),
         p_is_bound=test.is_bound,
     )
 

@@ -37,7 +37,7 @@ class Windows:
         shift: change of the start about which the simulator is linearised, shape (n, 2 nv).
         slopes: derivatives of what it misses by that change, in standard deviations of `noise`, shape (n, rows · nv, 2 nv).
         settings: of the whole.
-        offset: what `simulator` misses too little by its long steps, shape (n, rows · nv); None where that is nothing.
+        offset: what `simulator` misses too little by its long steps, shape (n, rows · nv); 0 where it has none.
     """
 
     simulator: Simulator
@@ -52,7 +52,7 @@ class Windows:
     shift: Array
     slopes: Array
     settings: FreeSettings
-    offset: Array | None = None
+    offset: Array
 
     def __len__(self) -> int:
         return len(self.start)
@@ -65,7 +65,7 @@ class Windows:
     def part(self, chosen: npt.NDArray[np.bool_] | Rows) -> Windows:
         """Some of the windows."""
         index = np.arange(len(self))[chosen]
-        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes", *(("offset",) if self.offset is not None else ()))
+        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes", "offset")
         return replace(self, past=tuple(self.past[one] for one in index), **{name: getattr(self, name)[index] for name in names})
 
     def heads(self, total: int) -> Rows:
@@ -100,7 +100,7 @@ class Windows:
         coarse, every = self.coarser(), np.arange(len(self))
         if coarse is self:
             return self
-        fine, rough = (one.missed(one._rolled(effects, every, self.shift), every) for one in (self, coarse))
+        fine, rough = (one._missed_from(self.shift, effects, every) for one in (self, coarse))
         return replace(coarse, offset=np.nan_to_num(fine - rough))
 
     def residuals(self, effects: Sequence[Effect], rows: Rows) -> Array:
@@ -115,11 +115,9 @@ class Windows:
         """
         worst = self.settings.worst
         try:
-            missed = np.nan_to_num(self.missed(self._rolled(effects, rows, self.shift[rows]), rows), nan=worst)
+            missed = np.nan_to_num(self._missed_from(self.shift[rows], effects, rows), nan=worst) + self.offset[rows]
         except UserError:
             return np.full((len(rows), self.slopes.shape[1] + self.slopes.shape[2]), worst)
-        if self.offset is not None:
-            missed = missed + self.offset[rows]
         step = self._likelier(missed, rows)
         left = missed - np.einsum("wei,wi->we", self.slopes[rows], step)
         return np.asarray(np.clip(np.concatenate((left, (self.shift[rows] + step) / self.spread[rows]), 1), -worst, worst))
@@ -142,7 +140,10 @@ class Windows:
 
     def linearised(self, effects: Sequence[Effect] = ()) -> Windows:
         """The same windows, with derivatives of the simulator with `effects` about the likeliest starts; twice, since starts as recorded may be far off."""
-        return self._differenced(effects, central=False)._differenced(effects, central=True)
+        found, every = self, np.arange(len(self))
+        for central in (False, True):
+            found = found._differenced(found._missed_from(found.shift, effects, every), effects, central)
+        return found
 
     def relinearised(self, effects: Sequence[Effect], *, anew: bool = False) -> Windows:
         """The same windows linearised about what starts change beside `effects`, but for those of which more is missed from there: they jump.
@@ -150,31 +151,34 @@ class Windows:
         Args:
             anew: whether to go there from the starts as recorded, too, and to take what is nearer: from where another model led there may be no way.
         """
-        best, least = self, self._cost(effects, self.shift)
-        others = [self._differenced(effects, central=True)]
+        every = np.arange(len(self))
+        here = self._missed_from(self.shift, effects, every)
+        best, least = self, self._cost(here, self.shift)
+        others = [self._differenced(here, effects, central=True)]
         if anew:
             others.append(replace(self, shift=np.zeros_like(self.shift)).linearised(effects))
         for other in others:
-            cost = other._cost(effects, other.shift)
+            cost = self._cost(self._missed_from(other.shift, effects, every), other.shift)
             nearer = cost <= least
             shift = np.where(nearer[:, None], other.shift, best.shift)
             best, least = replace(best, shift=shift, slopes=np.where(nearer[:, None, None], other.slopes, best.slopes)), np.minimum(cost, least)
         return best
 
-    def _cost(self, effects: Sequence[Effect], shift: Array) -> Array:
-        """What `_likelier` lowers, from the starts at `shift`, shape (windows,)."""
-        every, pinned = np.arange(len(self)), self.settings.pinned
-        missed = np.nan_to_num(self.missed(self._rolled(effects, every, shift), every), nan=self.settings.worst)
+    def _cost(self, missed: Array, shift: Array) -> Array:
+        """What `_likelier` lowers, where so much is `missed` from the starts at `shift`, shape (windows,)."""
+        missed, pinned = np.nan_to_num(missed, nan=self.settings.worst), self.settings.pinned
         return np.asarray((pinned**2 * np.log1p((missed / pinned) ** 2)).sum(1) + ((shift / self.spread) ** 2).sum(1))
 
-    def _differenced(self, effects: Sequence[Effect], central: bool) -> Windows:
-        """One such step, by differences as wide as the starts' spread, to one side or both: narrower ones would see the jerks of single contacts."""
+    def _differenced(self, missed: Array, effects: Sequence[Effect], central: bool) -> Windows:
+        """The windows a step on from the starts at `shift`, which miss `missed`, with derivatives there.
+
+        By differences as wide as the starts' spread, to one side or both: narrower ones would see the jerks of single contacts.
+        """
         every, coarse = np.arange(len(self)), self.coarser()
-        missed = np.nan_to_num(self.missed(self._rolled(effects, every, self.shift), every))
-        shift = self.shift + self._likelier(missed, every)
+        shift = self.shift + self._likelier(np.nan_to_num(missed), every)
 
         def beside(step: Array) -> Array:
-            return self.missed(coarse._rolled(effects, every, shift + step), every)
+            return coarse._missed_from(shift + step, effects, every)
 
         here = None if central else beside(np.zeros_like(shift))
         slopes = np.empty_like(self.slopes)
@@ -202,6 +206,10 @@ class Windows:
             UserError: if an effect cannot be installed, or the simulation fails.
         """
         return self._rolled(effects, np.arange(len(self)), np.zeros_like(self.shift))
+
+    def _missed_from(self, shift: Array, effects: Sequence[Effect], rows: Rows) -> Array:
+        """What the simulator with `effects` misses of the windows `rows` from their starts moved by `shift`, shape (windows, rows · nv)."""
+        return self.missed(self._rolled(effects, rows, shift), rows)
 
     def _rolled(self, effects: Sequence[Effect], rows: Rows, shift: Array) -> Array:
         world = self.simulator.world(effects)
@@ -254,4 +262,5 @@ def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: S
         np.zeros((len(start), size)),
         np.zeros((len(start), count * layout.nv, size)),
         settings,
+        np.zeros((len(start), count * layout.nv)),
     )

@@ -239,7 +239,7 @@ class Search(Trials):
 
     def alone(self, model: Model) -> Model:
         """`model` or, where one hypothesis on a target of its own describes as well as all of its several together, that one."""
-        if len(model.hypotheses) < 2:
+        if len(model.hypotheses) < 2 or self.late("one effect in the place of several"):
             return model
         blamed = {target for one in model.hypotheses for target in one.targets}
         replay = self.drafted(self.models[frozenset()])
@@ -250,8 +250,6 @@ class Search(Trials):
             self.settings.promising * max((one.gain for one in known), default=0.0), self.settings.standing_for * share_of(whole, nominal, self.settings)
         )
         known = sorted((one for one in known if one.gain > least), key=lambda one: (one.hypotheses[0].size, -one.gain))
-        if self.late("one effect in the place of several"):
-            return model
         shared = (self.replay, nominal, self.few, self.settings, self.settings.iterations_polish)
         drafts: list[Model] = self.each(fitted_beside, shared, [(one.hypotheses, one.start) for one in known])  # type: ignore[assignment]
         for draft in drafts:

@@ -16,7 +16,7 @@ from .test_windows import measured
 @pytest.fixture(scope="module")
 def found(swung: Tossed) -> dict[str, Hypothesis]:
     simulator, recordings, motions, _ = measured(swung(falls=2))
-    return {one.label: one for one in hypotheses(simulator, recordings, motions, DEFAULT.replay)}
+    return {one.label: one for one in hypotheses(simulator, recordings, motions, DEFAULT)}
 
 
 def test_effects_of_a_small_motor_start_small(found: dict[str, Hypothesis]) -> None:

@@ -128,7 +128,7 @@ def test_on_a_fixed_base_it_agrees_with_the_differences_that_free_bodies_are_lin
     start, slopes = case.state[None, first], np.zeros((1, rows * n, 2 * n))
     measured, noise, spread = case.state[None, case.rows[1:], :n], np.full(n, 1e-3), np.full((1, 2 * n), 1e-3)
     place = np.zeros(1, np.int64), np.array([first])
-    window = Windows(simulator, *place, commands, past, start, spread, measured, noise, np.zeros((1, 2 * n)), slopes, DEFAULT.free)
+    window = Windows(simulator, *place, commands, past, start, spread, measured, noise, np.zeros((1, 2 * n)), slopes, DEFAULT.free, np.zeros((1, rows * n)))
     by_differences = window.linearised().slopes[0].reshape(rows, n, 2 * n) * 1e-3
     analytic = np.stack([case.started(direction)[1:, :n] for direction in np.eye(2 * n)], -1)
     assert np.abs(by_differences - analytic).max() < 0.02 * np.abs(analytic).max()
