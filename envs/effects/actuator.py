@@ -189,6 +189,10 @@ class TorqueGain(Effect):
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"gain": 0.9}]
 
+    @classmethod
+    def at_most(cls) -> list[dict[str, Any]]:
+        return [{"gain": 0.0}]
+
 
 @dataclass(frozen=True)
 class DeadZone(Effect):

@@ -399,6 +399,11 @@ class Effect:
         return []
 
     @classmethod
+    def at_most(cls) -> list[dict[str, Any]]:
+        """The same where it is as strong as can be: of a robot that stands by what it takes away nothing weaker leads there."""
+        return []
+
+    @classmethod
     def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
         """The same where `plainer`, which it contains, was fitted already: what that found is not to be sought anew."""
         return []

@@ -175,7 +175,9 @@ class Windows:
         By differences as wide as the starts' spread, to one side or both: narrower ones would see the jerks of single contacts.
         """
         every, coarse = np.arange(len(self)), self.coarser()
-        shift = self.shift + self._likelier(np.nan_to_num(missed), every)
+        # No start lies farther from what was recorded of it: what would go there is a mismatch, from where no answer to it finds back.
+        most = self.settings.likely * self.spread
+        shift = np.clip(self.shift + self._likelier(np.nan_to_num(missed), every), -most, most)
 
         def beside(step: Array) -> Array:
             return coarse._missed_from(shift + step, effects, every)

@@ -139,5 +139,6 @@ class FreeSettings:
     windows: int = setting(240, "windows", "of what is searched on, at most: a second or two of simulator for each model")
     unseen_windows: int = setting(160, "windows", "that are held out, at most")
     pinned: float = setting(5.0, "standard deviations", "what is missed by more hardly moves the start of a window in which contacts bend what it becomes")
+    likely: float = setting(3.0, "standard deviations", "starts lie at most from what was recorded, where the simulator is linearised")
     outlying: float = setting(5.0, "standard deviations", "what is missed by more counts less where it is told whether anything is missed")
     worst: float = setting(1e5, "standard deviations", "residuals are cut off at, lest a simulation that flies apart decide")

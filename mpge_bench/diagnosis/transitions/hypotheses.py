@@ -124,7 +124,7 @@ def listed(kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequenc
             groups["link"].append(("*",) if kind.takes_all else tuple(links))
         for targets in groups.get(kind.on, [("world",)]):
             scale = scales.of(kind.on, targets[0])
-            starts = tuple(dict.fromkeys(within_bounds(kind, targets[0], start) for start in kind.starts(scale)))
+            starts = tuple(dict.fromkeys(within_bounds(kind, targets[0], start) for start in (*kind.starts(scale), *kind.at_most())))
             if starts:
                 absent = kind.absent(scale)
                 found.append(Hypothesis(targets, starts, None if absent is None else tuple(absent), scale))
