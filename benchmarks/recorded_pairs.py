@@ -65,9 +65,6 @@ def found(pair: str, seconds: float, jobs: int, nothing: bool) -> dict[str, Any]
         models = {"uncorrected": (), "diagnosed": said.effects, "true": true}
         off = {name: _off(rig, unseen, effects) for name, effects in models.items()}
     hidden = [one.to_dict() for one in true]
-    kinds = {type(one) for one in true}
-    if len(kinds) == 1 and {one.target for one in true} == set(rig.driven) and len(true) > 1:
-        hidden = [{**hidden[0], "target": "*"}]
     return {"pair": pair, "rows": [len(one.time) for one in recordings], "hidden": hidden, "off": off, "seconds": taken, **said.data}
 
 

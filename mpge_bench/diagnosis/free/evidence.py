@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
 from mpge_bench.diagnosis.transitions.evidence import Comparison, likeness
 from mpge_bench.diagnosis.transitions.fit import Rows
 from mpge_bench.diagnosis.transitions.screen import Columns
+from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 
@@ -27,17 +28,18 @@ class Evidence:
     effects change, by the noise, for what is faint, or shows in a few windows alone, which no permutation tells.
 
     Attributes:
-        own: windows as the rig itself makes them.
+        own: windows as the rig itself, or with `effects`, makes them.
     """
 
     target: Windows
     own: Windows
     settings: DiagnosisSettings
+    effects: Sequence[Effect] = ()
 
     @cached_property
     def of_own(self) -> Array:
         """What the rig misses of its `own` windows, shape (windows, entries)."""
-        return self.own.residuals((), np.arange(len(self.own)))
+        return self.own.residuals(self.effects, np.arange(len(self.own)))
 
     def chance(self, missed: Array, columns: Iterable[Columns], rows: Rows) -> tuple[float, bool]:
         """p of as much being `missed` of the target, shape (windows, entries), where nothing is missing, and whether it is but an upper bound.

@@ -39,7 +39,8 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     accelerations = np.concatenate([np.diff(layout.dq(one.state), axis=0) for one in motions])[:, layout.nv - layout.joints :] / simulator.period
     commands = np.concatenate([one.u for one in recordings])
     low, high = world.room()
-    size, pull = float(np.max(high - low)) / 2, float(np.linalg.norm(model.gravity or rig.gravity))
+    # Without ground nothing has a shape.
+    size, pull = float(np.max(high - low)) / 2 or least.least_length, float(np.linalg.norm(model.gravity or rig.gravity))
     touching = model.touching() if rig.ground else ()
     damping = model.take_losses() if rig.robot else {}
     plain = Scale(

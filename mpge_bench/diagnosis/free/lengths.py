@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,42 +15,87 @@ from mpge_bench.diagnosis.free.motion import Motion, Noise
 from mpge_bench.diagnosis.free.simulator import Simulator
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
+from mpge_bench.envs.effects import Effect
+
+
+@dataclass(frozen=True)
+class Length:
+    """What windows of some length are searched on.
+
+    Attributes:
+        settings: of such windows.
+        windows: those that the rig repeats, linearised.
+        own: some as the rig itself makes them.
+        shortened: whether they are shorter than the rig repeats, because what is missed is large.
+    """
+
+    settings: FreeSettings
+    windows: Windows
+    own: Windows
+    shortened: bool = False
 
 
 def longest(
-    simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: DiagnosisSettings
-) -> tuple[FreeSettings, Windows, Windows]:
-    """The settings of the longest windows of which the rig repeats enough, as many fewer of them; those that it repeats, linearised; and some of its own.
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    motions: Sequence[Motion],
+    noise: Noise,
+    settings: DiagnosisSettings,
+    effects: Sequence[Effect] = (),
+) -> Length:
+    """The longest windows of which the rig repeats enough, as many fewer of them.
 
     A force that is missed shows by the square of the time; what impacts make of an unknown start, and of laws of contact that differ, grows faster: windows in
-    which it has grown tell of nothing else. Where the rig repeats too few of even the shortest, all of these are taken as they are.
+    which it has grown tell of nothing else. Beside a large mismatch windows are shorter, too: what starts and effects change of long ones beside the rig says
+    little of what they change beside the answer. Where the rig repeats too few of even the shortest, all of these are taken as they are.
+
+    Args:
+        effects: found so far, with which the rig misses less, and may repeat itself longer.
     """
 
     def cut(some: FreeSettings, total: int) -> Windows:
-        return windows_of(simulator, recordings, motions, noise, some, total).linearised()
+        return windows_of(simulator, recordings, motions, noise, some, total).linearised(effects)
 
-    free = settings.free
+    free, shortened = settings.free, False
     rows = min(len(one.time) for one in recordings) - 1
     for times in free.longer:
         pieces = math.ceil(rows * simulator.period / (times * free.window))
         if pieces * len(recordings) < free.repeats:
             continue
         longer = stretched(settings, rows // pieces * simulator.period)
-        if _repeats(cut(longer, free.repeats), free).mean() < free.enough:
+        # A few tell whether it is worth while to look at all.
+        some = cut(longer, longer.windows if longer.windows <= 2 * free.repeats else free.repeats)
+        repeated = _repeats(some, effects, free)
+        if repeated.mean() < free.enough:
             continue
-        every = cut(longer, longer.windows)
-        kept = every.part(_repeats(every, free))
+        if times > min(free.longer) and _is_far(some, effects, free):
+            shortened = True
+            continue
+        if len(some) < longer.windows:
+            some = cut(longer, longer.windows)
+            repeated = _repeats(some, effects, free)
+        kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.
-            return longer, kept, kept.part(kept.heads(free.repeats)).imagined(1)
-    return free, cut(free, free.windows), cut(free, free.few).imagined(0)
+            return Length(longer, kept, kept.part(kept.heads(free.repeats)).imagined(1, effects), shortened)
+    return Length(free, cut(free, free.windows), cut(free, free.few).imagined(0, effects))
 
 
-def _repeats(windows: Windows, settings: FreeSettings) -> npt.NDArray[np.bool_]:
-    """Of which of the `windows` the rig predicts what it made itself, shape (n,)."""
-    own = windows.imagined(0)
-    missed = own.residuals((), np.arange(len(own)))[:, : own.slopes.shape[1]]
-    return np.asarray(np.sqrt((missed**2).mean(1)) < settings.repeated)
+def _repeats(windows: Windows, effects: Sequence[Effect], settings: FreeSettings) -> npt.NDArray[np.bool_]:
+    """Of which of the `windows` the rig with `effects` predicts what it made itself, shape (n,)."""
+    own = windows.imagined(0, effects)
+    return _missed(own, effects) < settings.repeated
+
+
+def _is_far(windows: Windows, effects: Sequence[Effect], settings: FreeSettings) -> bool:
+    """Whether the rig with `effects` is far off in more than a tenth of the `windows`."""
+    return float(np.quantile(_missed(windows, effects), 0.9)) > settings.far
+
+
+def _missed(windows: Windows, effects: Sequence[Effect]) -> npt.NDArray[np.float64]:
+    """What the rig with `effects` misses of each of the `windows`, root mean square over coordinates and rows, shape (n,)."""
+    missed = windows.residuals(effects, np.arange(len(windows)))[:, : windows.slopes.shape[1]]
+    return np.asarray(np.sqrt((missed**2).mean(1)))
 
 
 def stretched(settings: DiagnosisSettings, length: float) -> FreeSettings:

@@ -24,11 +24,12 @@ from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
 from mpge_bench.diagnosis.free.regimes import places
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.free.simulator import simulator_of
+from mpge_bench.diagnosis.free.twins import twins
 from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
-from mpge_bench.diagnosis.transitions.choose import Answer
-from mpge_bench.diagnosis.transitions.fit import model_of
+from mpge_bench.diagnosis.transitions.choose import Answer, plainness_of
+from mpge_bench.diagnosis.transitions.fit import Model, model_of
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
 
@@ -48,20 +49,35 @@ def diagnose_free(
     simulator = simulator_of(rig, recordings, settings)
     noise = noise_of(parts.searched.recordings, rig.layout, dict(rig.noise), settings.free)
     motions, later = ([motion_of(one, rig.layout, noise, settings.free) for one in some] for some in (parts.searched.recordings, parts.unseen))
-    free, searched, own = longest(simulator, parts.searched.recordings, motions, noise, settings)
-    settings = replace(settings, free=free)
-    unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
-    choosing = _choosing(searched, settings)
-    fitted = searched.part(~choosing)
-    settings = _for_windows(settings, fitted.entries)
-    options = hypotheses(simulator, parts.searched.recordings, motions, settings)
-    search = FreeSearch(fitted, options, workers, clock, settings.replay, advance, evidence=Evidence(fitted, own, settings))
+    given = simulator, parts.searched.recordings, motions, noise
+    options = hypotheses(*given[:3], settings)
+
+    def begun(found: Model | None = None) -> tuple[FreeSearch, Windows, bool]:
+        """A search beside what was found, windows by which models are chosen, and whether those that the rig repeats are longer than these."""
+        effects = found.effects if found else ()
+        length = longest(*given, settings, effects)
+        choosing = _choosing(length.windows, settings)
+        fitted = length.windows.part(~choosing)
+        own = _for_windows(replace(settings, free=length.settings), fitted.entries)
+        evidence = Evidence(fitted, length.own, own, effects)
+        search = FreeSearch(fitted, options, workers, clock, own.replay, advance, found=found, evidence=evidence)
+        return search, length.windows.part(choosing), length.shortened
+
+    search, others, shortened = begun()
     test = search.compared()
+    while shortened and test.is_mismatch and not clock.late:
+        # What is faint shows in long windows alone, and these answer in proportion beside what is large.
+        before, found = search.found, search.begun()
+        if len(found.hypotheses) == (len(before.hypotheses) if before else 0):
+            break
+        search, others, shortened = begun(found)
     answer = search.answer() if test.is_mismatch else search.nothing()
-    others = searched.part(choosing)
+    settings = search.evidence.settings
     answer = chosen_by(others.linearised(answer.chosen.effects) if search.is_smooth else others, answer, settings)
-    where = places(fitted, motions, answer.nominal.residuals[:, : fitted.slopes.shape[1]]) if test.is_mismatch else ()
+    where = places(search.evidence.target, motions, answer.nominal.residuals[:, : search.windows.slopes.shape[1]]) if test.is_mismatch else ()
     settled = search.settled(answer.chosen)
+    answer, settled = beside_equals(search, answer, settled)
+    unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
     result = concluded(search.replay, unseen, parts.unseen, answer, settled, test, where, _checks(recordings, rig, noise), settings, clock)
     return result, settled.effects if result.effects else ()
 
@@ -92,7 +108,16 @@ def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> 
     models = [answer.chosen, answer.nominal, *(one for one in best if one.key not in (answer.chosen.key, answer.nominal.key))]
     told = [model_of(windows, one.hypotheses, one.values, every, settings.replay).description for one in models]
     first = int(np.argmin(told))
-    return answer if told[0] - told[first] < settings.replay.equal else replace(answer, chosen=models[first])
+    return answer if told[0] - told[first] < settings.replay.equal else replace(answer, chosen=models[first], equals=())
+
+
+def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[Answer, Model]:
+    """`answer` with all that describes windows as well as `settled`, its choice fitted to its end; and the plainest of them, which is the choice then."""
+    alike = {one.key: one for one in (*answer.equals, *twins(search, settled), settled)}
+    chosen = min(alike.values(), key=plainness_of)
+    equals = tuple(sorted((one for one in alike.values() if one is not chosen), key=plainness_of))
+    models = {one.key: one for one in (*answer.models, *search.models.values())}
+    return replace(answer, chosen=chosen, equals=equals, models=tuple(models.values()), cut=tuple(search.cut)), chosen
 
 
 def _checks(recordings: Sequence[Recording], rig: Rig, noise: Noise) -> tuple[str, ...]:

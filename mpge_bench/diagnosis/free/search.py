@@ -32,10 +32,14 @@ class FreeSearch(Search):
         test = self.evidence.compared(nominal.residuals, (), self.glance)
         if test.is_mismatch:
             return test
+        self.know_all(nominal)
+        return self.evidence.compared(nominal.residuals, self.columns.values(), self.glance)
+
+    def know_all(self, model: Model) -> None:
+        """What all hypotheses change beside `model`, of as many windows as a test of what is left takes."""
         free, starts = self.evidence.settings.free, sum(len(one.starts) for one in self.hypotheses)
         self.glance = self.replay.heads(max(len(self.glance), round(free.tested / free.window / starts)))
-        self.know(self.replay, nominal, self.hypotheses)
-        return self.evidence.compared(nominal.residuals, self.columns.values(), self.glance)
+        self.know(self.replay, model, [one for one in self.hypotheses if one.key not in model.key])
 
     def drafted(self, model: Model) -> Predictor:
         """See `Search`; with long steps in smooth windows."""
@@ -75,6 +79,10 @@ class FreeSearch(Search):
                 self.add(self.fitted(one.hypotheses, one.values))
         return found
 
+    def begun(self) -> Model:
+        """What is found first, as drafted: the windows that come next are linearised about it."""
+        return super().taken_in(self.first())
+
     def settled(self, model: Model) -> Model:
         """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off."""
         free = self.evidence.settings.free
@@ -101,4 +109,12 @@ class FreeSearch(Search):
     def is_lacking(self, model: Model, share: float) -> bool:
         """See `Trials`."""
         missed = self.replay.residuals(model.effects, self.every)
-        return self.evidence.chance(missed, self.columns.values(), self.glance)[0] < self.settings.leftover
+
+        def is_told() -> bool:
+            return self.evidence.chance(missed, self.columns.values(), self.glance)[0] < self.settings.leftover
+
+        if is_told() or self.columns or self.late("looking for effects"):
+            return is_told()
+        # What is faint is told along what effects change.
+        self.know_all(model)
+        return is_told()

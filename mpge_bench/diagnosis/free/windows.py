@@ -191,15 +191,15 @@ class Windows:
             slopes[..., direction] = (behind - beside(step)) / ((2 if central else 1) * self.spread[:, direction, None])
         return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
 
-    def imagined(self, seed: int) -> Windows:
-        """The same windows as the rig itself would make them, measured with the same noise: what nothing looks like."""
+    def imagined(self, seed: int, effects: Sequence[Effect] = ()) -> Windows:
+        """The same windows as the rig itself, or with `effects`, would make them, measured with the same noise: what nothing looks like."""
         rng, layout = np.random.default_rng(seed), self.layout
-        path = self._rolled((), np.arange(len(self)), self.shift)
+        path = self._rolled(effects, np.arange(len(self)), self.shift)
         off = np.zeros((*path.shape[:2], 2 * layout.nv))
         off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
         start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
         # About their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
-        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised()
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised(effects)
 
     def from_recorded(self, effects: Sequence[Effect]) -> Array:
         """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).

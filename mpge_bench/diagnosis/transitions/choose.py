@@ -53,6 +53,8 @@ class Search(Trials):
     columns: dict[tuple[str, tuple[str, ...]], Columns] = field(default_factory=dict)
     #: Models on whose misses the search has been focused.
     shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
+    #: A model to go on from, which was found elsewhere.
+    found: Model | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,12 +71,12 @@ class Search(Trials):
         chosen = self.told(self.plainer(self.explained()))
         # What has the answer in it and more is no other answer.
         others = (one for one in self.models.values() if one.hypotheses and not one.key >= chosen.key)
-        equals = sorted((one for one in others if self.is_equal(one, chosen)), key=_plainness)
+        equals = sorted((one for one in others if self.is_equal(one, chosen)), key=plainness_of)
         return Answer(self.models[frozenset()], chosen, tuple(self.models.values()), tuple(equals), self.rows, tuple(self.cut))
 
     def explained(self) -> Model:
         """The best model: of one hypothesis after another or, where the first leaves something, of all that robots of one make usually differ by."""
-        chosen, rounds, looked = self.add(model_of(self.replay, (), (), self.rows, self.settings)), 0, False
+        chosen, rounds, looked = self.first(), 0, False
         while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
@@ -90,6 +92,11 @@ class Search(Trials):
             if is_stuck:
                 break
         return self.alone(self.needed(chosen))
+
+    def first(self) -> Model:
+        """The model from which the search goes on."""
+        nominal = self.add(model_of(self.replay, (), (), self.rows, self.settings))
+        return nominal if self.found is None else self.add(self.fitted(self.found.hypotheses, self.found.values))
 
     def taken_in(self, model: Model) -> Model:
         """`model`, or what is better by one more hypothesis or several of a kind."""
@@ -215,7 +222,7 @@ class Search(Trials):
         if not ends:
             return None
         best = min(ends, key=lambda one: one.description)
-        return self.add(self.finished(min((one for one in ends if self.is_equal(one, best)), key=_plainness), self.replay, self.rows))
+        return self.add(self.finished(min((one for one in ends if self.is_equal(one, best)), key=plainness_of), self.replay, self.rows))
 
     def finished(self, model: Model, replay: Predictor, rows: Rows) -> Model:
         """`model` fitted until it is exact, where it nearly is and nothing is noisy: what looks as if more were missing may be the fit's own end."""
@@ -292,7 +299,7 @@ def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:
     return [values.get(name, getattr(first, name)) for name in other.kind.parameters]
 
 
-def _plainness(model: Model) -> tuple[int, int, int, list[Plainness]]:
+def plainness_of(model: Model) -> tuple[int, int, int, list[Plainness]]:
     """Less of plainer models: fewer parameters, fewer hypotheses, fewer things acted on, commoner physics."""
     acted_on = sum(_EVERYTHING if "*" in one.targets else len(one.targets) for one in model.hypotheses)
     return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)

@@ -30,3 +30,9 @@ def test_no_start_is_absent(found: dict[str, Hypothesis]) -> None:
     for one in found.values():
         if one.absent is not None:
             assert all(not np.array_equal(one.absent, [getattr(start, name) for name in start.parameters]) for start in one.starts)
+
+
+def test_one_body_that_falls_and_has_no_shape_has_a_size(tossed: Tossed) -> None:
+    """It was a division by zero."""
+    simulator, recordings, motions, _ = measured(tossed(tosses=2, ground=None))
+    assert {"external_force:brick", "gravity:world"} <= {one.label for one in hypotheses(simulator, recordings, motions, DEFAULT)}

@@ -53,6 +53,16 @@ def test_fitted_starts_stay_where_they_were_recorded(windows: Windows) -> None:
     assert np.median(np.abs(moved)) < 1.5
 
 
+def test_beside_a_large_mismatch_starts_stay_where_they_may_lie(swung: Tossed) -> None:
+    """They went thousands of standard deviations away, and with the true effects 230 were missed from there."""
+    hidden = (JointSpring("hinge", 0.3, 0.5),)
+    windows = made(swung(hidden, falls=4), 12, replace(DEFAULT.free, pinned=DEFAULT.smooth.pinned))
+    assert np.abs(windows.shift / windows.spread).max() <= DEFAULT.free.likely * (1 + 1e-9)
+    missed, right = (np.median(np.sqrt((windows.residuals(effects, np.arange(12)) ** 2).mean(1))) for effects in ((), hidden))
+    assert missed > 100
+    assert right < 2
+
+
 def test_a_prediction_repeats_whatever_was_predicted_before(windows: Windows) -> None:
     first = windows.residuals((), np.array([3, 5]))
     windows.residuals(HIDDEN, np.arange(8))
