@@ -48,12 +48,14 @@ def test_the_residual_table_has_a_row_a_transition_and_shows_what_the_answers_do
     np.testing.assert_allclose(table["after"], np.sqrt((table[[f"left{index}" for index in range(4)]] ** 2).mean(axis=1)))
 
 
+@pytest.mark.slow
 def test_the_broken_hopper_is_found_out_in_spite_of_its_contacts():
     result = _invert(HOPPER, 300)
     assert action_transformation_error(HOPPER, result.grounding) <= 0.02
     assert result.report["capacity"] == "linear"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", [PENDULUM, HOPPER], ids=lambda task: task.robot.name)
 def test_a_target_like_the_source_is_said_to_be_alike(task):
     alike = dataclasses.replace(task, effects=())
@@ -62,6 +64,7 @@ def test_a_target_like_the_source_is_said_to_be_alike(task):
     assert action_transformation_error(alike, result.grounding) < 0.03
 
 
+@pytest.mark.slow
 def test_what_no_action_can_do_is_said_and_where_it_is():
     report = _invert(CHEETAH, 60).report
     assert report["verdict"].startswith("The mismatch is not (only) an action transformation")

@@ -84,6 +84,7 @@ def test_nothing_is_found_where_nothing_is_hidden(tmp_path: Path) -> None:
     assert corrected == yaml.safe_load(rig.read_text()) | {"robot": "../robot.urdf", "effects": []}
 
 
+@pytest.mark.slow
 def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
     # Half as many physics steps: most of what this takes are fits in PyBullet.
     rig = write_case(tmp_path, [Delay("hinge", 0.02), CoulombFriction("hinge", 0.15)], velocities=False, timestep=0.002, recordings=6)
@@ -144,6 +145,7 @@ def test_what_the_rig_has_too_much_of_is_corrected(tmp_path: Path, believed: Eff
     assert read_rig(tmp_path / "report" / "corrected.yaml").own(true) == one
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "says"),
     [
@@ -172,6 +174,7 @@ def test_what_all_motors_have_alike_is_one_effect(tmp_path: Path, hidden: tuple[
 SERVO = {"kp": 6.0, "kd": 0.3, "servo_period": 0.002}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "named"),
     [
@@ -218,6 +221,7 @@ def test_a_limit_that_is_seldom_reached_is_found(tmp_path: Path) -> None:
     assert found.data["effects"][0]["parameters"]["torque"]["value"] == pytest.approx(1.6, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_time_budget_gives_the_best_answer_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.8), CoulombFriction("hinge", 0.2)])
     asked: list[int] = []

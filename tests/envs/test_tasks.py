@@ -361,6 +361,7 @@ def test_envs_imports_without_torch_and_without_a_word() -> None:
     assert (process.returncode, process.stdout, process.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 def test_a_seed_repeats_its_episodes_in_any_process() -> None:
     names = [name for name in (*SOURCE_IDS.values(), *TARGET_IDS.values(), *FAMILY_IDS.values()) if name != LANDER or HAS_BOX2D]
     code = RUN.format(ids=names, steps=250)

@@ -114,6 +114,7 @@ def test_a_sweeps_tables_do_not_hang_on_what_else_is_in_its_folder(policy_folder
     assert f"{tmp_path}/file/out: cannot be written to (Not a directory); choose another folder with --out" in err
 
 
+@pytest.mark.slow
 def test_sweep_names_a_method_that_fails_and_goes_on(policy_folder, tmp_path):
     method = "from mpge_bench.baselines.method import Method\nclass Mine(Method):\n    def train(self, *_, **__):\n        raise OSError('[/dev/shm] is full')"
     (tmp_path / "mine.py").write_text(method)
@@ -262,6 +263,7 @@ def test_a_pairs_page(in_process):
     assert "Port of Gym's Hopper" in out
 
 
+@pytest.mark.slow
 def test_a_pair_of_ones_own_from_file_to_result(tmp_path, in_process, refused, monkeypatch):
     # References are of many episodes, each as long as a pendulum stands.
     for module in (harness_evaluate, harness_references):

@@ -95,6 +95,7 @@ def test_a_comparison_is_figures(two_sets, in_process):
     assert found["verdict"].startswith("They differ beyond chance")
 
 
+@pytest.mark.slow
 def test_what_is_verified_is_figures_and_the_status_stays(tmp_path, in_process):
     shutil.copytree(STORED, tmp_path / "good/seed1")
     shutil.copytree(STORED, tmp_path / "bad/seed1")

@@ -17,6 +17,7 @@ from mpge_bench.harness.settings import RunSettings
 from mpge_bench.leaderboard.verify import faults, measured_again
 
 
+@pytest.mark.slow
 def test_the_agent_learns_in_the_source_with_what_was_found(tmp_path: Path) -> None:
     result = run(RunSettings("biased_pendulum", "diagnose", 150, "smoke"), tmp_path)
     found = {(one["effect"], one["target"]): one["parameters"]["torque"]["value"] for one in result["report"]["effects"]}
@@ -39,6 +40,7 @@ def test_the_agent_learns_in_the_source_with_what_was_found(tmp_path: Path) -> N
         measured_again(path)
 
 
+@pytest.mark.slow
 def test_what_has_no_name_becomes_an_action_transformation_upon_the_repair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As if the catalogue knew the pendulum's limit and no bias."""
     whole = repair.unmask

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.beam import grow
 from mpge_bench.diagnosis.choose.begun import as_begun
@@ -22,6 +24,7 @@ def test_what_explains_most_of_what_is_missed_as_it_begins_is_fitted(rig: Rig) -
     assert drafts(rig, Delay("elbow", 0.028))[0] == {"delay:elbow"}
 
 
+@pytest.mark.slow
 def test_where_nothing_is_hidden_nothing_is_followed_up(rig: Rig) -> None:
     assert drafts(rig) == []
 
@@ -30,6 +33,7 @@ def test_without_time_nothing_is_begun(rig: Rig) -> None:
     assert drafts(rig, Delay("elbow", 0.028), deadline=0.0) == []
 
 
+@pytest.mark.slow
 def test_what_the_linearised_simulator_ranks_last_is_found_all_the_same(rig: Rig) -> None:
     """Of an arm in a controller's loop that trembles a motor 28 ms late came after fifty others: the search ended at one 8 ms late, with friction beside it."""
     trials = searching(posed(rig, Delay("elbow", 0.028), seconds=3.0, noise=5e-4))

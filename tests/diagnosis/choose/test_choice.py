@@ -109,6 +109,7 @@ def test_what_is_left_open_to_first_order_is_fitted_before_it_is_said_to_be_chan
     assert (choice.tested(asked, options).screening.p_value < DEFAULT.choose.significance) == told
 
 
+@pytest.mark.slow
 def test_a_model_that_left_nothing_of_what_it_was_fitted_to_is_not_searched_for_again(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gravity and a motor's limit, right but for a digit that the recordings for choosing tell, were forgotten, and not found again."""
     asked = posed(rig, ViscousFriction("elbow", 0.2), seconds=4.0, noise=2e-4)

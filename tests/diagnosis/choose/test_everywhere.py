@@ -27,6 +27,7 @@ def notebook(rig: Rig, hidden: tuple[Effect, ...], deadline: float = math.inf) -
     return searching(asked, deadline)
 
 
+@pytest.mark.slow
 def test_what_each_joint_has_is_found_in_one_go_and_what_it_has_not_is_left_out(rig: Rig) -> None:
     found = everywhere(notebook(rig, HIDDEN))
     assert found
@@ -41,6 +42,7 @@ def test_without_time_nothing_is_begun_and_that_is_said(rig: Rig) -> None:
     assert list(trials.cut) == ["fitting all joints at once"]
 
 
+@pytest.mark.slow
 def test_a_servo_of_which_the_rig_knows_no_damping_has_other_gains_and_a_gear(tmp_path: Path) -> None:
     hidden = PositionServo("hinge", 9.0, 0.3), LoadFriction("hinge", 0.1), Armature("hinge", 0.02)
     rig = read_rig(write_case(tmp_path, hidden, servo={"kp": 6.0}, noise=2e-4))

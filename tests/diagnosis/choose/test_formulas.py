@@ -79,6 +79,7 @@ def test_a_law_that_has_no_name_is_found_as_a_formula(rig: Rig, law: Effect) -> 
     assert values == pytest.approx(parameters_of(law), rel=0.05, abs=0.02)
 
 
+@pytest.mark.slow
 def test_of_a_wave_that_is_longer_than_the_motion_the_slope_is_said(rig: Rig) -> None:
     """As it was not told, dry friction was the answer, with six times the noise left: a false name."""
     (found,) = described(rig, (PeriodicFriction("elbow", 0.3, 0.3, 0.4),)).effects
@@ -177,6 +178,7 @@ def test_a_wave_that_is_not_told_is_no_formula(rig: Rig) -> None:
     assert not told(0.01, np.array([1e-3, 1e-3, np.inf, 1e-3]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "key"),
     [

@@ -35,6 +35,7 @@ def asked(rig: Rig) -> Problem:
     return posed(rig, *HIDDEN, seconds=3.0, noise=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begun", [(), (Payload("lower", 0.5, 0.3), Armature("shoulder", 0.1))], ids=["nothing", "what is wrong"])
 def test_from_nothing_and_from_what_is_wrong_the_way_leads_to_what_is_hidden(asked: Problem, begun: tuple[Effect, ...]) -> None:
     """What is wrong is exchanged or left out on the way: the first effect that is taken in need not be one of them."""

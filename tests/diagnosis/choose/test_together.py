@@ -37,6 +37,7 @@ def values(effects: tuple[Effect, ...]) -> dict[tuple[str, str], float]:
     return {(one.name, one.target): parameters_of(one)[0] for one in effects}
 
 
+@pytest.mark.slow
 def test_kinds_that_joints_have_are_found_and_those_that_they_have_not_left_out(asked: Problem) -> None:
     trials = searching(asked)
     found = values(together(trials, kinds_of(trials)))

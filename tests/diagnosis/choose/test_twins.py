@@ -70,6 +70,7 @@ def test_what_is_one_sided_makes_up_for_nothing_with_less_than_none() -> None:
     assert not ComOffset.is_one_sided()
 
 
+@pytest.mark.slow
 def test_a_sum_of_several_loads_is_no_load(rig: Rig) -> None:
     """Several loads along a link together are as good as a denser link; one is not."""
     rng = np.random.default_rng(0)
@@ -150,6 +151,7 @@ def test_only_what_was_cut_short_is_said_to_be() -> None:
     assert list(trials.cut) == ["curves"]
 
 
+@pytest.mark.slow
 def test_what_the_linearised_simulator_is_unsure_of_is_fitted(tmp_path: Path) -> None:
     """On a pendulum a tilted base, an offset sensor and a shifted centre of mass are one; in columns about the one, the others are 2% off."""
     rig = read_rig(write_case(tmp_path, [Gravity("world", (-0.784, 0.0, -9.779))]))
@@ -160,6 +162,7 @@ def test_what_the_linearised_simulator_is_unsure_of_is_fitted(tmp_path: Path) ->
     assert found.data["effects"][0]["confidence"] <= 0.5
 
 
+@pytest.mark.slow
 def test_a_late_sensor_of_the_only_joint_is_a_late_motor(tmp_path: Path) -> None:
     """But for readings that are left out of one of the two, and for what a delay's end within a physics step makes."""
     rig = read_rig(write_case(tmp_path, [SensorDelay("hinge", 0.0245)]))

@@ -29,6 +29,7 @@ def asked(in_process: Callable[..., tuple[int, str, str]], folder: Path, *more: 
     return text, json.loads((out / "diagnosis.json").read_text())
 
 
+@pytest.mark.slow
 def test_rivals_are_told_apart_within_the_limits(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
     rig = read_rig(write_case(tmp_path, [Delay("hinge", 0.008)], **LITTLE))
     text, data = asked(in_process, tmp_path, "--position", 1.2, "--speed", 6, "--command", 2)

@@ -27,10 +27,12 @@ def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
     assert settings.windows * settings.window == pytest.approx(DEFAULT.free.windows * DEFAULT.free.window, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_tumbles_over_a_ground_is_not(tossed: Tossed) -> None:
     assert lengthened(tossed()) == DEFAULT.free
 
 
+@pytest.mark.slow
 def test_beside_a_large_mismatch_windows_are_short_and_beside_what_was_found_long_again(swung: Tossed) -> None:
     """Of an arm in flight whose motor had a bias .4 s windows missed 240 standard deviations of the noise, 58 with the true bias beside the rig's starts."""
     hidden = (JointSpring("hinge", 0.3, 0.5),)

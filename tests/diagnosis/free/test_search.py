@@ -28,6 +28,7 @@ def sprung(swung: Tossed, tmp_path_factory: pytest.TempPathFactory) -> Diagnosis
         return diagnose_files(folder / "rig.yaml", [str(folder / "fall_*.csv")], tmp_path_factory.mktemp("report"), jobs=1, settings=quick)
 
 
+@pytest.mark.slow
 def test_two_effects_on_one_joint_of_what_falls_are_found(sprung: Diagnosis) -> None:
     spring, gain = sorted((one for one in sprung.result.effects), key=lambda one: one.effect)
     assert (spring.effect, spring.target) == ("joint_spring", "hinge")
@@ -37,6 +38,7 @@ def test_two_effects_on_one_joint_of_what_falls_are_found(sprung: Diagnosis) -> 
     assert gain.parameters["gain"].value == pytest.approx(0.9, rel=0.01)
 
 
+@pytest.mark.slow
 def test_errors_are_told_of_the_joints_where_these_miss_most(sprung: Diagnosis) -> None:
     held = sprung.result.fit.held_out
     assert held.unit == "rad"

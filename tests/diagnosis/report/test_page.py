@@ -292,6 +292,7 @@ def test_of_two_joints_that_are_tied_both_are_told():
     assert "Coupling spring at shoulder and elbow" in report_html(result)
 
 
+@pytest.mark.slow
 def test_what_was_read_back_from_json_says_the_same_without_plots():
     for result in (_explained(), _no_mismatch(), _unexplained()):
         again = DiagnosisResult.from_json(json.loads(json.dumps(result.to_json())), result.evidence)

@@ -99,6 +99,7 @@ def best(search: Search) -> list[Effect]:
     return list(min(search.models.values(), key=lambda one: one.description).effects)
 
 
+@pytest.mark.slow
 def test_a_limit_that_few_transitions_reach_is_found_behind_what_all_show() -> None:
     task = get_task("biased_pendulum")
     found = best(searched(task, {"torque_bias", "torque_limit", "torque_gain", "dead_zone"}, "slider"))
@@ -106,6 +107,7 @@ def test_a_limit_that_few_transitions_reach_is_found_behind_what_all_show() -> N
     assert [one.torque for one in found] == pytest.approx([150.0, 300.0], rel=1e-6)  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_what_acts_in_few_transitions_is_found_exactly() -> None:
     """Most of the time a foot sticks or flies, whatever its friction."""
     search = searched(get_task("slippery_hopper"), {"contact_friction", "mass_scale"}, "foot")
@@ -113,6 +115,7 @@ def test_what_acts_in_few_transitions_is_found_exactly() -> None:
     assert effect.coefficient == pytest.approx(0.4, rel=1e-6)  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_with_noise_what_acts_in_few_transitions_is_looked_for_in_these() -> None:
     search = searched(get_task("slippery_hopper"), {"contact_friction", "mass_scale"}, "foot", noise=0.01)
     (effect,) = best(search)
@@ -126,6 +129,7 @@ def test_where_one_parameter_explains_all_none_of_several_is_looked_at() -> None
     assert [name for name, _ in search.columns] == ["mass_scale"]
 
 
+@pytest.mark.slow
 def test_what_several_joints_have_each_in_its_own_measure_is_found_in_one_round() -> None:
     task, settings = get_task("broken_hopper"), DEFAULT.replay
     weak = dataclasses.replace(task, effects=(TorqueGain("thigh_joint", 0.7), TorqueGain("leg_joint", 0.4)))
@@ -139,6 +143,7 @@ def test_what_several_joints_have_each_in_its_own_measure_is_found_in_one_round(
     assert [len(one.hypotheses) for one in search.models.values()][:2] == [0, 2]
 
 
+@pytest.mark.slow
 def test_a_parameter_that_changes_nothing_is_left_where_it_is_absent() -> None:
     """A planar robot does not show how far to its side a load lies."""
     (effect,) = best(searched(get_task("loaded_walker"), {"attached_mass"}, "torso", 300))

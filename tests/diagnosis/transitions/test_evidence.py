@@ -51,6 +51,7 @@ def test_with_noise_so_much_is_put_right_that_the_source_predicts_its_own_best()
     assert left(trust) < left((1.0, 1.0)) - 0.1
 
 
+@pytest.mark.slow
 def test_a_mismatch_that_shows_seldom_is_evident_and_nothing_is_not() -> None:
     """A foot that slips does so in one transition of five; no hypothesis need be given for that to be seen."""
     task = get_task("slippery_hopper")

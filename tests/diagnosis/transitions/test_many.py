@@ -38,6 +38,7 @@ def _found(task: Task, samples: int, *kinds: type[Effect]) -> dict[str, tuple[fl
     return {one.label: own for one, own in zip(found.hypotheses, found.values, strict=True)}
 
 
+@pytest.mark.slow
 def test_three_differences_of_five_are_found_to_the_last_digit_and_the_others_left_out() -> None:
     truth = (LinkSize("pole", 1.3, 0.8), JointDamping("slider", 2.0), JointDamping("hinge", 2.0), Gravity("world", (0.0, 0.0, -8.5)))
     values = _found(dataclasses.replace(get_task("multipolar_swingup_3"), effects=truth), 200)

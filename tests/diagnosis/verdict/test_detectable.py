@@ -33,6 +33,7 @@ def looked_at(folder: Path, effects: list[Effect]) -> tuple[Any, list[Candidate]
     return posed, options, choice.tested(posed, options)
 
 
+@pytest.mark.slow
 def test_effects_of_the_stated_size_are_found_in_most_cases(tmp_path: Path) -> None:
     posed, options, empty = looked_at(tmp_path / "empty", [])
     asked: Any = SimpleNamespace(problem=posed, candidates=options, fitter=empty.fitter, chosen=empty.nominal, is_far=False)
@@ -56,6 +57,7 @@ def test_effects_of_the_stated_size_are_found_in_most_cases(tmp_path: Path) -> N
 LEFT = UnknownTorque("hinge", "q", tuple(np.linspace(-2, 2, 81).tolist()), tuple((0.15 * np.sin(np.linspace(-40, 40, 81))).tolist()))
 
 
+@pytest.mark.slow
 def test_far_from_the_noise_sizes_are_those_that_the_rule_of_choice_takes_in(tmp_path: Path) -> None:
     """On a measured machine none of eight effects of twice the stated size was found: where much is left, a model has to predict by a tenth better."""
     posed, options, left = looked_at(tmp_path / "left", [LEFT])

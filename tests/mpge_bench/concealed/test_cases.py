@@ -84,6 +84,7 @@ def test_kinds_are_the_catalogue_s_or_outside_of_it() -> None:
     assert not [name for name in OUTSIDE if name in CATALOGUE and not CATALOGUE[name].is_formula]
 
 
+@pytest.mark.slow
 def test_what_is_drawn_is_to_be_seen_and_no_thing_has_two_of_one_group() -> None:
     case = drawn(SEED + 2, 0)
     assert case == drawn(SEED + 2, 0)
@@ -110,6 +111,7 @@ def closed_loop(seed: int, index: int) -> tuple[Array, Array]:
     return clean[:, 1], clean[:, 2]
 
 
+@pytest.mark.slow
 def test_no_joint_goes_round_though_what_is_hidden_makes_the_loop_unstable() -> None:
     """A seven-joint arm whipped round at 250 rad/s: its controller's gains stayed as they were, and only what was asked of it became less."""
     assert np.abs(closed_loop(2027, 28)[0]).max() < 2.8

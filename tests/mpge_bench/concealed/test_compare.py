@@ -41,6 +41,7 @@ def read(folder: Path) -> tuple[Rig, list[Recording], list[Recording]]:
     return rig, [read_recording(path, rig) for path in given], [read_recording(path, rig) for path in unseen]
 
 
+@pytest.mark.slow
 def test_all_parameters_at_once_come_near_where_they_can_say_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(all_parameters, "STARTS", 1)
     rig, given, unseen = read(folder)

@@ -110,6 +110,7 @@ def test_true_effects_of_free_bases_predict_as_well_as_the_noise_lets_them(shape
     assert row["nothing"] > 1.5 * row["true"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mechanism", "effect"),
     [
@@ -177,6 +178,7 @@ def test_what_slides_along_a_line_has_effects_along_it() -> None:
     assert level(SHAPES["ball"], same) == same
 
 
+@pytest.mark.slow
 def test_what_is_drawn_shows_and_is_drawn_again_alike() -> None:
     misplaced, afloat = drawn(3, 1, MISPLACED), drawn(3, 10, AFLOAT)
     assert (misplaced.name, afloat.name) == ("g0001", "f0010")

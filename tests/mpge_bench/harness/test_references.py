@@ -39,6 +39,7 @@ def test_what_is_kept_is_taken_until_a_policy_changes(policy_folder, monkeypatch
     references.references.cache_clear()
 
 
+@pytest.mark.slow
 def test_a_pair_without_target_optimal_policies_has_all_references_but_j_star(policy_folder):
     known = references.stored(references.path_of(TASK.name, policy_folder))
     for path in (policy_folder / TASK.name).glob("target_*"):

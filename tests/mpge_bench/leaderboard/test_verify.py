@@ -39,6 +39,7 @@ def test_a_stored_result_is_what_it_says(result):
     assert checks[2].found == pytest.approx(checks[2].stated, rel=0.01)
 
 
+@pytest.mark.slow
 def test_figures_that_the_policy_does_not_have_are_found_out(result):
     data = json.loads(result.read_text())
     data["returns"]["policy"]["mean"] *= 1.1
@@ -47,6 +48,7 @@ def test_figures_that_the_policy_does_not_have_are_found_out(result):
     assert [one.agrees for one in measured_again(result)] == [False, True, False]
 
 
+@pytest.mark.slow
 def test_a_wide_spread_excuses_no_mean(result):
     data = json.loads(result.read_text())
     data["returns"]["policy"] |= {"mean": data["returns"]["policy"]["mean"] + 500, "std": 1e6}
@@ -113,6 +115,7 @@ def test_a_policy_of_another_robot_is_refused_in_a_line(result):
     assert len(str(refusal.value).splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_policy_that_cannot_be_read_is_a_fault_of_its_result_alone(result, in_process):
     """It ended the command, and nothing was said of the others."""
     shutil.copytree(result.parent, result.parent.parent / "seed2")

@@ -20,6 +20,7 @@ def _place(call):
     return os.getpid(), os.getcwd(), numerics.is_fixed()
 
 
+@pytest.mark.slow
 def test_calls_are_made_as_here_and_a_killed_one_is_an_answer(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with engine("ray", 2) as ray:
@@ -32,6 +33,7 @@ def test_calls_are_made_as_here_and_a_killed_one_is_an_answer(tmp_path, monkeypa
     assert {(folder, fixed) for _, folder, fixed in found.values()} == {(str(tmp_path), numerics.is_fixed())}
 
 
+@pytest.mark.slow
 def test_a_machine_without_the_sweeps_folder_ends_it_in_a_line(monkeypatch):
     monkeypatch.setattr("mpge_bench.harness.engines.ray.os.getcwd", lambda: "/nowhere")
     with engine("ray", 1) as ray, pytest.raises(UserError, match=r"/nowhere: the machine .* cannot work in this folder \(No such file or directory\)"):
