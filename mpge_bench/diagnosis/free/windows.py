@@ -228,11 +228,13 @@ def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: S
         UserError: if no recording is long enough.
     """
     layout, count = simulator.rig.layout, max(settings.fewest_rows, round(settings.window / simulator.period))
+    # No farther on, lest a long window begin where what slides has come to rest.
+    reach = max(settings.fewest_rows, round(settings.calmest / simulator.period))
     places = []
     for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
         last = len(one.time) - 1 - count
         for slot in range(0, last + 1, count):
-            near = np.arange(slot, min(slot + count, last + 1))
+            near = np.arange(slot, min(slot + min(reach, count), last + 1))
             row = int(near[np.argmin(motion.misfit[near])])
             moved = layout.dx(layout.minus(motion.state[row + 1 : row + 1 + count], motion.state[[row] * count])) / noise.q
             places.append((number, row, float(np.abs(moved).max())))
