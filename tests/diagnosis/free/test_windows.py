@@ -65,7 +65,7 @@ def test_beside_a_large_mismatch_starts_stay_where_they_may_lie(swung: Tossed) -
 
 def test_long_windows_begin_where_short_ones_do(tossed: Tossed) -> None:
     """They began within their own length where it was calmest: where what slides has come to rest. Friction of .489, not .4, was no mismatch for that."""
-    given = measured(tossed(tosses=4, ground=None))
+    given = measured(tossed(tosses=4))
     short, long = (windows_of(*given, replace(DEFAULT.free, window=window), 30) for window in (0.1, 0.3))
     reach = round(DEFAULT.free.calmest / short.simulator.period)
     for number in range(4):
