@@ -120,7 +120,8 @@ def listed(kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequenc
             "sensor": _and_all(joints),
             "link": [(one,) for one in links],
         }
-        if kind.on == "link" and len(links) > 1:
+        # A place or a direction in each link's own frame is the same on all of no robot.
+        if kind.on == "link" and len(links) > 1 and (kind.takes_all or all(one.unit == "1" for one in kind.parameters.values())):
             groups["link"].append(("*",) if kind.takes_all else tuple(links))
         for targets in groups.get(kind.on, [("world",)]):
             scale = scales.of(kind.on, targets[0])
