@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.transitions.choose import plainness_of
-from mpge_bench.diagnosis.transitions.fit import Model, model_of
+from mpge_bench.diagnosis.transitions.fit import Model, Predictor, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, share_of
 from mpge_bench.diagnosis.transitions.trials import fitted_beside
@@ -18,11 +18,12 @@ def twins(search: FreeSearch, chosen: Model) -> tuple[Model, ...]:
     Every hypothesis is looked at in the place of each of the answer's: that does not depend on which the search had time to fit.
     """
     found: dict[object, Model] = {}
+    replay = search.drafted(chosen)
     for place, one in enumerate(chosen.hypotheses):
         if search.late("telling twins apart"):
             break
         others = chosen.hypotheses[:place] + chosen.hypotheses[place + 1 :], chosen.values[:place] + chosen.values[place + 1 :]
-        for tried in _drafted(search, chosen, one, others):
+        for tried in _drafted(search, replay, chosen, one, others):
             if search.late("telling twins apart"):
                 break
             model = search.add(search.fitted(tried.hypotheses, tried.values))
@@ -31,9 +32,11 @@ def twins(search: FreeSearch, chosen: Model) -> tuple[Model, ...]:
     return tuple(sorted(found.values(), key=plainness_of))
 
 
-def _drafted(search: FreeSearch, chosen: Model, one: Hypothesis, others: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]]) -> list[Model]:
+def _drafted(
+    search: FreeSearch, replay: Predictor, chosen: Model, one: Hypothesis, others: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]]
+) -> list[Model]:
     """The `others` with what promises to stand for `one`, each fitted to few windows, those that come near."""
-    settings, replay = search.settings, search.drafted(chosen)
+    settings = search.settings
     before, whole = (model_of(replay, *model, search.glance, settings) for model in (others, (chosen.hypotheses, chosen.values)))
     # What has it in it and more is no other answer.
     more = [other for other in search.hypotheses if one.kind.name in other.kind.contains and other.targets == one.targets]
