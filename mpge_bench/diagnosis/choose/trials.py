@@ -49,6 +49,11 @@ class Clock:
     def late(self) -> bool:
         return is_past(self.deadline)
 
+    def within(self, share: float) -> Clock:
+        """One that is late when a `share` of the time that is left until the deadline has passed."""
+        now = time.monotonic()
+        return replace(self, deadline=now + share * (self.deadline - now))
+
     def sooner(self, share: float) -> Clock:
         """One that is late when only a `share` of the time until the deadline is left."""
         return replace(self, deadline=self.begun + (1 - share) * (self.deadline - self.begun))

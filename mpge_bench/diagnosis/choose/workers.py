@@ -18,10 +18,14 @@ LOTS = 3
 
 
 class Workers:
-    """A pool of `jobs` processes, or this process alone if that is 1; closed on leaving the context, whatever is still under way."""
+    """A pool of `jobs` processes, or this process alone if that is 1; closed on leaving the context, whatever is still under way.
+
+    Attributes:
+        jobs: processes.
+    """
 
     def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
+        self.jobs = jobs
         self._pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_begin) if jobs > 1 else None
         if self._pool:
             # They import while the recordings are smoothed.
@@ -43,8 +47,8 @@ class Workers:
         """
         if self._pool is None or len(items) < 2:
             return _lot(work, shared, items, deadline, least=1)
-        count = min(LOTS * self._jobs, len(items))
-        done = [self._pool.submit(_lot, work, shared, items[index::count], deadline, int(index < self._jobs)) for index in range(count)]
+        count = min(LOTS * self.jobs, len(items))
+        done = [self._pool.submit(_lot, work, shared, items[index::count], deadline, int(index < self.jobs)) for index in range(count)]
         results: dict[int, Any] = {}
         for index, future in enumerate(done):
             for place, result in enumerate(future.result()):

@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.free.motion import Motion, Noise
+from mpge_bench.diagnosis.free.side_by_side import linearised
 from mpge_bench.diagnosis.free.simulator import Simulator
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
@@ -41,6 +44,8 @@ def longest(
     motions: Sequence[Motion],
     noise: Noise,
     settings: DiagnosisSettings,
+    workers: Workers,
+    clock: Clock,
     effects: Sequence[Effect] = (),
 ) -> Length:
     """The longest windows of which the rig repeats enough, as many fewer of them.
@@ -50,41 +55,40 @@ def longest(
     little of what they change beside the answer. Where the rig repeats too few of even the shortest, all of these are taken as they are.
 
     Args:
+        clock: of the whole diagnosis; longer windows are looked at for a share of what is left.
         effects: found so far, with which the rig misses less, and may repeat itself longer.
     """
 
     def cut(some: FreeSettings, total: int) -> Windows:
-        return windows_of(simulator, recordings, motions, noise, some, total).linearised(effects)
+        return linearised(workers, windows_of(simulator, recordings, motions, noise, some, total), effects)
+
+    def own(windows: Windows, seed: int) -> Windows:
+        return linearised(workers, windows.imagined(seed, effects), effects)
 
     free, shortened = settings.free, False
+    looking, shortest = clock.within(free.looking), min(free.longer)
     rows = min(len(one.time) for one in recordings) - 1
     for times in free.longer:
         pieces = math.ceil(rows * simulator.period / (times * free.window))
-        if pieces * len(recordings) < free.repeats:
+        if pieces * len(recordings) < free.repeats or (times > shortest and looking.late):
             continue
         longer = stretched(settings, rows // pieces * simulator.period)
         # A few tell whether it is worth while to look at all.
         some = cut(longer, longer.windows if longer.windows <= 2 * free.repeats else free.repeats)
-        repeated = _repeats(some, effects, free)
+        repeated = _missed(own(some, 0), effects) < free.repeated
         if repeated.mean() < free.enough:
             continue
-        if times > min(free.longer) and _is_far(some, effects, free):
+        if times > shortest and _is_far(some, effects, free):
             shortened = True
             continue
         if len(some) < longer.windows:
             some = cut(longer, longer.windows)
-            repeated = _repeats(some, effects, free)
+            repeated = _missed(own(some, 0), effects) < free.repeated
         kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.
-            return Length(longer, kept, kept.part(kept.heads(free.repeats)).imagined(1, effects), shortened)
-    return Length(free, cut(free, free.windows), cut(free, free.few).imagined(0, effects))
-
-
-def _repeats(windows: Windows, effects: Sequence[Effect], settings: FreeSettings) -> npt.NDArray[np.bool_]:
-    """Of which of the `windows` the rig with `effects` predicts what it made itself, shape (n,)."""
-    own = windows.imagined(0, effects)
-    return _missed(own, effects) < settings.repeated
+            return Length(longer, kept, own(kept.part(kept.heads(free.repeats)), 1), shortened)
+    return Length(free, cut(free, free.windows), own(cut(free, free.few), 0))
 
 
 def _is_far(windows: Windows, effects: Sequence[Effect], settings: FreeSettings) -> bool:

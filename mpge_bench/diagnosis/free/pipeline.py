@@ -23,6 +23,7 @@ from mpge_bench.diagnosis.free.lengths import longest
 from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
 from mpge_bench.diagnosis.free.regimes import places
 from mpge_bench.diagnosis.free.search import FreeSearch
+from mpge_bench.diagnosis.free.side_by_side import linearised
 from mpge_bench.diagnosis.free.simulator import simulator_of
 from mpge_bench.diagnosis.free.twins import twins
 from mpge_bench.diagnosis.free.verdict import concluded
@@ -55,7 +56,7 @@ def diagnose_free(
     def begun(found: Model | None = None) -> tuple[FreeSearch, Windows, bool]:
         """A search beside what was found, windows by which models are chosen, and whether those that the rig repeats are longer than these."""
         effects = found.effects if found else ()
-        length = longest(*given, settings, effects)
+        length = longest(*given, settings, workers, clock, effects)
         choosing = _choosing(length.windows, settings)
         fitted = length.windows.part(~choosing)
         own = _for_windows(replace(settings, free=length.settings), fitted.entries)
@@ -73,7 +74,7 @@ def diagnose_free(
         search, others, shortened = begun(found)
     answer = search.answer() if test.is_mismatch else search.nothing()
     settings = search.evidence.settings
-    answer = chosen_by(others.linearised(answer.chosen.effects) if search.is_smooth else others, answer, settings)
+    answer = chosen_by(linearised(workers, others, answer.chosen.effects) if search.is_smooth else others, answer, settings)
     where = places(search.evidence.target, motions, answer.nominal.residuals[:, : search.windows.slopes.shape[1]]) if test.is_mismatch else ()
     settled = search.settled(answer.chosen)
     answer, settled = beside_equals(search, answer, settled)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mpge_bench.diagnosis.free.evidence import Evidence
+from mpge_bench.diagnosis.free.side_by_side import relinearised
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import Comparison
@@ -91,7 +92,7 @@ class FreeSearch(Search):
         for turn in range(free.settled):
             if self.late("fitting the answer to its end"):
                 break
-            self.replay = self.windows.relinearised(model.effects, anew=turn == 0)
+            self.replay = relinearised(self.workers, self.windows, model.effects, anew=turn == 0)
             found = self.fitted(model.hypotheses, model.values)
             moved = np.abs(Parameters.vector(found.values) - Parameters.vector(model.values))
             gained, model = model.description - found.description, found

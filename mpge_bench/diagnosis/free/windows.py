@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ from mpge_bench.envs.layout import Layout
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
+#: What windows have one of each, but for their past.
+_EACH = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes", "offset")
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,15 @@ class Windows:
     def part(self, chosen: npt.NDArray[np.bool_] | Rows) -> Windows:
         """Some of the windows."""
         index = np.arange(len(self))[chosen]
-        names = ("recording", "first", "u", "start", "spread", "measured", "shift", "slopes", "offset")
-        return replace(self, past=tuple(self.past[one] for one in index), **{name: getattr(self, name)[index] for name in names})
+        return replace(self, past=tuple(self.past[one] for one in index), **{name: getattr(self, name)[index] for name in _EACH})
+
+    @staticmethod
+    def joined(parts: Sequence[Windows]) -> Windows:
+        """`parts` of the same windows, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        each: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _EACH}
+        return replace(parts[0], past=tuple(one for part in parts for one in part.past), **each)
 
     def heads(self, total: int) -> Rows:
         """About `total` windows, evenly spread; all if there are no more."""
@@ -192,14 +202,16 @@ class Windows:
         return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
 
     def imagined(self, seed: int, effects: Sequence[Effect] = ()) -> Windows:
-        """The same windows as the rig itself, or with `effects`, would make them, measured with the same noise: what nothing looks like."""
+        """The same windows as the rig itself, or with `effects`, would make them, measured with the same noise: what nothing looks like.
+
+        They are to be linearised about their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
+        """
         rng, layout = np.random.default_rng(seed), self.layout
         path = self._rolled(effects, np.arange(len(self)), self.shift)
         off = np.zeros((*path.shape[:2], 2 * layout.nv))
         off[..., : layout.nv] = self.noise * rng.standard_normal(off[..., : layout.nv].shape)
         start = layout.plus(layout.plus(self.start, self.shift), self.spread * rng.standard_normal(self.spread.shape))
-        # About their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
-        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift)).linearised(effects)
+        return replace(self, measured=layout.q(layout.plus(path, off)), start=start, shift=np.zeros_like(self.shift))
 
     def from_recorded(self, effects: Sequence[Effect]) -> Array:
         """States from the starts as they were recorded, as `simulate` has them, shape (n, rows, nq + nv).

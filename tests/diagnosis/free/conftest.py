@@ -11,7 +11,9 @@ import pandas as pd
 import pytest
 import yaml
 
+from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect
 
 BRICK = """<robot name="brick"><link name="brick">
@@ -19,6 +21,7 @@ BRICK = """<robot name="brick"><link name="brick">
 <collision><geometry><box size="0.12 0.1 0.08"/></geometry></collision></link></robot>"""
 RIG = {"robot": "brick.urdf", "base": "free", "timestep": 0.002, "record_period": 0.008, "joints": {}, "ground": {"friction": 0.5, "restitution": 0.0}}
 NOISE = 1e-4
+UNHURRIED = Clock.started(None, DEFAULT.choose)
 
 Tossed = Callable[..., Path]
 

@@ -7,16 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.free.lengths import longest, stretched
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings
 from mpge_bench.envs.effects import JointSpring
 
-from .conftest import Tossed
+from .conftest import UNHURRIED, Tossed
 from .test_windows import made, measured
 
 
-def lengthened(folder: Path) -> FreeSettings:
-    return longest(*measured(folder), DEFAULT).settings
+def lengthened(folder: Path, clock: Clock = UNHURRIED) -> FreeSettings:
+    return longest(*measured(folder), DEFAULT, Workers(1), clock).settings
+
+
+def test_without_time_longer_windows_are_not_looked_at(tossed: Tossed) -> None:
+    """A minitaur's three lengths took minutes, whatever time there was."""
+    folder = tossed(ground=None)
+    assert lengthened(folder).window > 0.2
+    assert lengthened(folder, Clock.started(0.0, DEFAULT.choose)).window == pytest.approx(DEFAULT.free.window, abs=0.015)
 
 
 def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
@@ -37,7 +46,7 @@ def test_beside_a_large_mismatch_windows_are_short_and_beside_what_was_found_lon
     """Of an arm in flight whose motor had a bias .4 s windows missed 240 standard deviations of the noise, 58 with the true bias beside the rig's starts."""
     hidden = (JointSpring("hinge", 0.3, 0.5),)
     given = measured(swung(hidden, falls=12))
-    short, long = longest(*given, DEFAULT), longest(*given, DEFAULT, hidden)
+    short, long = (longest(*given, DEFAULT, Workers(1), UNHURRIED, effects) for effects in ((), hidden))
     assert short.shortened
     assert short.settings.window == pytest.approx(0.088, abs=0.01)
     assert not long.shortened
@@ -59,7 +68,7 @@ def test_longer_windows_are_never_none() -> None:
 def test_windows_that_the_rig_does_not_repeat_are_left_out(tossed: Tossed) -> None:
     folder = tossed()
     some = DiagnosisSettings(free=FreeSettings(longer=(1.0,), enough=0.3))
-    found = longest(*measured(folder), some)
+    found = longest(*measured(folder), some, Workers(1), UNHURRIED)
     free, kept, own = found.settings, found.windows, found.own
     every = made(folder, free.windows)
     assert free.window == pytest.approx(0.088)

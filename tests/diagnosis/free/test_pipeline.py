@@ -74,7 +74,7 @@ def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path
 
 def test_much_that_is_missed_in_no_direction_of_its_own_is_a_mismatch(tossed: Tossed) -> None:
     windows, settings = made(tossed(tosses=4)), dataclasses.replace(DEFAULT.replay, room=DEFAULT.verdict.explained)
-    own, every = windows.imagined(0), np.arange(len(windows))
+    own, every = windows.imagined(0).linearised(), np.arange(len(windows))
 
     def chance(target: Windows) -> float:
         return likeness(target, target.residuals((), every), own, own.residuals((), every), settings)[0]

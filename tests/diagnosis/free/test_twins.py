@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 
-from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
@@ -18,7 +17,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.envs.effects import Gravity
 
-from .conftest import Tossed
+from .conftest import UNHURRIED, Tossed
 from .test_windows import measured
 
 
@@ -26,11 +25,11 @@ from .test_windows import measured
 def search(tossed: Tossed) -> FreeSearch:
     """Of what falls where gravity is tilted, by few hypotheses."""
     given = measured(tossed((Gravity("world", (0.3, 0.0, -9.81)),), ground=None))
-    length = longest(*given, DEFAULT)
+    length = longest(*given, DEFAULT, Workers(1), UNHURRIED)
     settings = _for_windows(replace(DEFAULT, free=length.settings), length.windows.entries)
     few = [one for one in hypotheses(*given[:3], DEFAULT) if one.kind.name in ("gravity", "external_force", "com_offset", "inertia_scale")]
     evidence = Evidence(length.windows, length.own, settings)
-    return FreeSearch(length.windows, few, Workers(1), Clock.started(None, DEFAULT.choose), settings.replay, evidence=evidence)
+    return FreeSearch(length.windows, few, Workers(1), UNHURRIED, settings.replay, evidence=evidence)
 
 
 def test_a_force_on_the_only_body_is_gravity(search: FreeSearch) -> None:

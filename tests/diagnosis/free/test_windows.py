@@ -85,14 +85,14 @@ def test_a_part_is_what_it_was(windows: Windows) -> None:
 
 
 def test_what_the_rig_itself_would_have_made_looks_like_the_rig(windows: Windows) -> None:
-    missed = windows.imagined(0).residuals((), np.arange(len(windows)))
+    missed = windows.imagined(0).linearised().residuals((), np.arange(len(windows)))
     assert np.median(np.abs(missed)) < 1.2
 
 
 def test_they_are_predicted_from_starts_as_likely_as_those_of_what_was_recorded(tossed: Tossed) -> None:
     """Their starts were off by their noise, across contacts that derivatives do not reach: they seemed to miss three times the noise."""
     recorded = made(tossed(tosses=6, noise=5e-4), 24)
-    first, second = (np.sqrt((one.residuals((), np.arange(len(one))) ** 2).mean(1)) for one in (recorded, recorded.imagined(0)))
+    first, second = (np.sqrt((one.residuals((), np.arange(len(one))) ** 2).mean(1)) for one in (recorded, recorded.imagined(0).linearised()))
     assert np.median(second) < 1.3 * np.median(first)
     assert np.quantile(second, 0.8) < 1.5 * np.quantile(first, 0.8)
 
