@@ -26,16 +26,49 @@ Beam = list[tuple[Model, LinearFitter]]
 def grow(trials: Trials, screening: Screening) -> None:
     """Fit models of one effect, two, and so on, each round from the best of the round before.
 
+    Where no effect by itself comes near the noise, whatever else may lead there is looked for; but where one leaves little of what there was, after others were
+    tried beside it.
+
     Args:
         screening: of the nominal simulator.
     """
     settings = trials.settings
-    beam: Beam = [(trials.nominal, trials.fitter)]
-    for depth in range(settings.most):
-        begun = time.monotonic()
-        grown = _grown(trials, beam, screening, depth)
+    drafts = _drafts(trials, [(trials.nominal, trials.fitter)], screening, 0)
+    if not drafts:
+        return
+    _renew_noise(trials, drafts[0])
+    beside: Beam = []
+    if drafts[0].overall > settings.coarse:
+        if lone_formula(trials):
+            return
+        if drafts[0].overall < settings.leads * trials.nominal.overall:
+            _follow(trials, _polished(trials, drafts, 0, []))
+            if min(one.overall for one in trials.models) < settings.coarse:
+                return
+        drafts, beside = _by_other_ways(trials, drafts)
+    _follow(trials, _polished(trials, drafts, 0, beside))
+
+
+def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Beam]:
+    """`drafts` of one effect, of which none comes near the noise, and others; and models of several that go into the first round with them."""
+    settings = trials.settings
+    beside = held(trials)
+    if min((model.overall for model, _ in beside), default=np.inf) > settings.near:
+        drafts = _best_of_each(drafts + as_begun(trials))
+        if drafts[0].overall > settings.coarse:
+            together = everywhere(trials)
+            beside += [together] if together else []
+            drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
+    return drafts, beside
+
+
+def _follow(trials: Trials, grown: Beam) -> None:
+    """Grow further what the first round has `grown`, as long as that helps and something is left."""
+    settings = trials.settings
+    for depth in range(1, settings.most + 1):
         if not grown:
             break
+        begun = time.monotonic()
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         levels = trials.levels([model for model, _ in grown])
         near = settings.held if levels[0] < settings.held else settings.half_truth
@@ -47,6 +80,8 @@ def grow(trials: Trials, screening: Screening) -> None:
         if is_chance or max(rest.gains.values(), default=0.0) < settings.material:
             _try_richer_friction(trials, *beam[0])
             break
+        if depth < settings.most:
+            grown = _grown(trials, beam, depth)
 
 
 def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> None:
@@ -60,26 +95,13 @@ def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> 
         trials.add(trials.converged(*richer)[0])
 
 
-def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam:
+def _grown(trials: Trials, beam: Beam, depth: int) -> Beam:
     """Models of one more effect than those of the beam, or of two; none where the best of them is no better than the beam's."""
-    drafts = _drafts(trials, beam, screening, depth)
+    drafts = _drafts(trials, beam, None, depth)
     if not drafts:
         return []
-    beside: Beam = []
-    if depth == 0:
-        _renew_noise(trials, drafts[0])
-        if drafts[0].overall > trials.settings.coarse:
-            if lone_formula(trials):
-                return []
-            beside = held(trials)
-            if min((model.overall for model, _ in beside), default=np.inf) > trials.settings.near:
-                drafts = _best_of_each(drafts + as_begun(trials))
-                if drafts[0].overall > trials.settings.coarse:
-                    together = everywhere(trials)
-                    beside += [together] if together else []
-                    drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
-    grown = _polished(trials, drafts, depth, beside)
-    if depth == 0 or not grown or trials.is_better(beam[0][0], grown[0][0]):
+    grown = _polished(trials, drafts, depth, [])
+    if not grown or trials.is_better(beam[0][0], grown[0][0]):
         return grown
     # There is something, so that what no effect does alone two may do together.
     drafts = [] if trials.cut_short("combining effects") else _ordered(pairs(trials, *beam[0]))
@@ -87,8 +109,12 @@ def _grown(trials: Trials, beam: Beam, screening: Screening, depth: int) -> Beam
     return grown if grown and trials.is_better(beam[0][0], grown[0][0]) else []
 
 
-def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> list[Model]:
-    """Models of one more effect than those of the beam, roughly fitted, best first, one of each set of effects."""
+def _drafts(trials: Trials, beam: Beam, screening: Screening | None, depth: int) -> list[Model]:
+    """Models of one more effect than those of the beam, roughly fitted, best first, one of each set of effects.
+
+    Args:
+        screening: of the beam, where that is the nominal simulator.
+    """
     settings = trials.settings
     first, later, besides = settings.tried
     drafts: list[Model] = []
@@ -98,7 +124,7 @@ def _drafts(trials: Trials, beam: Beam, screening: Screening, depth: int) -> lis
             break
         if depth and trials.cut_short("combining effects"):
             break
-        looked = screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order) if model.effects else screening
+        looked = screening or screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order)
         drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)
     return _best_of_each(drafts)
 

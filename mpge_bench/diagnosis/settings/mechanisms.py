@@ -171,6 +171,7 @@ class ChooseSettings:
     polished: int = setting(4, "models", "of a round are polished")
     hopeless: tuple[float, float] = setting((10.0, 4.0), "times the best", "drafts that miss more are not polished: first round; later, or beside all joints")
     reached: float = setting(0.02, "share", "where a draft misses so much less than a model, models further behind are not followed up")
+    leads: float = setting(0.05, "share of what the simulator misses", "squared, that one effect leaves where others are tried beside it before other ways")
     held: float = setting(1.2, "times the noise", "a best model this near the noise leaves room for none that is far off")
     elsewhere: float = setting(30.0, "times", "more than fits leave is missed where models are chosen: what is missed acts there")
     half_truth: float = setting(30.0, "times the best", "a model this far off may still be half of the truth")
