@@ -78,6 +78,7 @@ def test_the_best_of_each_start_goes_on_and_the_best_of_all_is_kept(pendulum_pol
     assert found.steps > 3 * 128 + 2 * 192 + 10 * 2 * 2
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(pendulum_policies):
     """Noise is drawn in the transformation: every candidate has to have its own."""
     one, two = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mpge_bench.baselines.agent import AgentSettings
 from mpge_bench.baselines.gat import GAT, GATSettings, GATTransformation
@@ -32,6 +33,7 @@ def test_the_action_is_smoothed_between_the_models_answer_and_itself_and_kept_wi
     np.testing.assert_array_equal(asked["inverse"], np.concatenate((states, 10 * states), axis=1))
 
 
+@pytest.mark.slow
 def test_it_comes_nearer_to_the_target_than_the_ungrounded_source(pendulum_policies, tmp_path):
     problem = Problem(TASK, pendulum_policies, 500, seed=0)
     settings = GATSettings(AgentSettings(steps=0), rollout_std=0.5, source_samples=3000, updates=500, hidden=(64, 64))

@@ -23,7 +23,14 @@ KINDS = ("biased_pendulum", "broken_hopper", "lame_ant")
 EVERYWHERE = "mpg"
 #: Its search takes minutes there; tests/diagnosis/transitions knows floating bases.
 TOO_LONG = ("lame_ant", "diagnose")
-RUNS = [(task, method) for task in TASKS for method in methods() if (task in KINDS or method == EVERYWHERE) and (task, method) != TOO_LONG]
+#: Those that simulate the pair again and again.
+LONG = ("diagnose", "sysid")
+RUNS = [
+    pytest.param(task, method, marks=[pytest.mark.slow] if method in LONG and task != KINDS[1] else [])
+    for task in TASKS
+    for method in methods()
+    if (task in KINDS or method == EVERYWHERE) and (task, method) != TOO_LONG
+]
 
 
 def _train(task_name, method_name, make_policy, tmp_path, seed=0, jobs=1, change=()):

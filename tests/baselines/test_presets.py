@@ -124,6 +124,7 @@ def test_overrides_name_settings_by_their_dotted_path():
         load_settings(NoSettings, None, "smoke", "broken_hopper", {"a": 1})
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.fixed_dictionaries({}, optional={key: VALUES[kind] for key, kind in NUMBERS.items()}))
 def test_what_is_set_is_what_holds_and_the_rest_is_the_presets(changes):

@@ -95,6 +95,7 @@ def test_two_effects_on_one_joint_without_velocities(tmp_path: Path) -> None:
     assert values["coulomb_friction"]["torque"]["value"] == pytest.approx(0.15, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_base_that_is_shaken_is_told_by_its_accelerometer(tmp_path: Path) -> None:
     rig = write_shaken(tmp_path)
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
@@ -119,6 +120,7 @@ def test_what_has_no_name_gets_none(tmp_path: Path) -> None:
     assert held["after"] < held["before"] / 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("believed", "true"),
     [
@@ -203,6 +205,7 @@ def test_gains_of_a_servo_are_told_from_its_motors_from_friction_and_a_load(tmp_
         assert corrected.kp == pytest.approx(true.kp, rel=0.03)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
     # On a single joint a rotor's inertia and its link's are one.
     rig = write_case(tmp_path, [Armature("hinge", 0.03)])
@@ -212,6 +215,7 @@ def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
     assert f"{chosen['effect']}:{chosen['target']}" in ("armature:hinge", "inertia_scale:arm")
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_seldom_reached_is_found(tmp_path: Path) -> None:
     rig = write_case(tmp_path, [TorqueLimit("hinge", 1.6)])
     recordings = read_recordings(sorted(tmp_path.glob("train_*.csv")), read_rig(rig))

@@ -102,6 +102,7 @@ def test_what_is_alike_moves_alike(robot: Robot) -> None:
     assert apart(RobotEnv(robot), RobotEnv(robot), episodes=2, steps=100) == 0
 
 
+@pytest.mark.slow
 def test_every_pair_differs_from_every_other_of_its_robot() -> None:
     found = [(name, task) for name, task in TASKS.items()]
     for index, (name, task) in enumerate(found):

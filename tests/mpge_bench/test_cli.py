@@ -58,6 +58,7 @@ def test_run_prints_the_table_and_where_everything_is(policy_folder, tmp_path, i
     assert "| biased_pendulum | 50 | smoke | mpge | T | 1 |" in out
 
 
+@pytest.mark.slow
 def test_a_pair_without_target_optimal_policies_is_run_with_returns_as_they_are(policy_folder, tmp_path, in_process):
     for path in (policy_folder / "biased_pendulum").glob("target_*"):
         path.unlink()

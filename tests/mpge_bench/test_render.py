@@ -76,6 +76,7 @@ def test_the_command_writes_a_film_and_says_what_happened(tmp_path):
     assert duration(tmp_path / "new" / "film.gif") == 0.5
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_nothing_and_the_old_film_as_it_was(tmp_path):
     old = tmp_path / "film.gif"
     old.write_text("old")

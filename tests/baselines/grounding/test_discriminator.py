@@ -32,6 +32,7 @@ def test_tells_shifted_transitions_from_the_targets_and_rewards_the_targets():
     assert target > grounded + 0.3
 
 
+@pytest.mark.slow
 def test_cannot_tell_what_is_alike():
     discriminator, accuracy = _trained(0.0)
     assert accuracy == pytest.approx(0.5, abs=0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,6 +27,7 @@ def _fitted(inputs: np.ndarray, wanted: np.ndarray, shares: np.ndarray, updates:
     return networks
 
 
+@pytest.mark.slow
 def test_what_the_held_out_examples_gain_nothing_by_is_not_learnt():
     rng = np.random.default_rng(0)
     inputs, probe = rng.uniform(-2, 2, (60, 3)), rng.uniform(-2, 2, (1000, 3))
@@ -40,6 +42,7 @@ def test_what_the_held_out_examples_gain_nothing_by_is_not_learnt():
     assert errors["stopped"][1] < 0.6 * errors["all"][1]
 
 
+@pytest.mark.slow
 def test_held_out_examples_are_not_trained_on_and_the_rest_is_learnt_to_the_end():
     inputs = np.linspace(-3, 3, 300)[:, None]
     wanted = np.sin(inputs)

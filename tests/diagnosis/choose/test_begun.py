@@ -20,6 +20,7 @@ def drafts(rig: Rig, *hidden: Effect, deadline: float = float("inf")) -> list[fr
     return [one.key for one in sorted(found, key=lambda one: one.overall)]
 
 
+@pytest.mark.slow
 def test_what_explains_most_of_what_is_missed_as_it_begins_is_fitted(rig: Rig) -> None:
     assert drafts(rig, Delay("elbow", 0.028))[0] == {"delay:elbow"}
 

@@ -126,6 +126,7 @@ def test_a_model_that_left_nothing_of_what_it_was_fitted_to_is_not_searched_for_
     assert len(searches) == 1
 
 
+@pytest.mark.slow
 def test_time_is_left_to_leave_out_what_is_needless(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a search of seven joints that was cut short play was right, and an elastic drive beside it that was not there."""
     hidden = ViscousFriction("elbow", 0.2)

@@ -15,6 +15,7 @@ from ..conftest import posed
 HIDDEN = (CoulombFriction("elbow", 0.2), ViscousFriction("shoulder", 0.1))
 
 
+@pytest.mark.slow
 def test_the_best_parameters_are_found_from_where_there_is_nothing_with_any_number_of_processes(rig: Rig) -> None:
     """A step that is a share of a parameter is none where that is 0."""
     asked = posed(rig, *HIDDEN, seconds=2.0)

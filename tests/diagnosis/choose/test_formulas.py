@@ -59,15 +59,20 @@ def described(rig: Rig, hidden: tuple[Effect, ...], named: tuple[Effect, ...] = 
     "law",
     [
         PeriodicTorque("elbow", 0.4, 8.0, 0.7),
-        PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5),
-        SlopedFriction("elbow", 0.3, 0.15),
-        OneWayFriction("elbow", 0.2, 0.05),
-        PeriodicGain("shoulder", 0.3, 5.0, 0.4),
-        CubicSpring("elbow", 1.5, 0.1),
-        DriftingGain("elbow", -0.08),
-        OscillatingTorque("elbow", 0.4, 2.3, 0.7),
-        CouplingSpring("elbow", "shoulder", 1.5, 0.8, 0.1),
-        CouplingDamping("elbow", "shoulder", 0.1, -0.7),
+        *(
+            pytest.param(law, marks=pytest.mark.slow)
+            for law in (
+                PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5),
+                SlopedFriction("elbow", 0.3, 0.15),
+                OneWayFriction("elbow", 0.2, 0.05),
+                PeriodicGain("shoulder", 0.3, 5.0, 0.4),
+                CubicSpring("elbow", 1.5, 0.1),
+                DriftingGain("elbow", -0.08),
+                OscillatingTorque("elbow", 0.4, 2.3, 0.7),
+                CouplingSpring("elbow", "shoulder", 1.5, 0.8, 0.1),
+                CouplingDamping("elbow", "shoulder", 0.1, -0.7),
+            )
+        ),
     ],
 )
 def test_a_law_that_has_no_name_is_found_as_a_formula(rig: Rig, law: Effect) -> None:
@@ -87,6 +92,7 @@ def test_of_a_wave_that_is_longer_than_the_motion_the_slope_is_said(rig: Rig) ->
     assert parameters_of(found) == pytest.approx([0.3, 0.12], rel=0.1)
 
 
+@pytest.mark.slow
 def test_what_all_joints_had_been_given_before_a_formula_goes_at_once(rig: Rig) -> None:
     """Beside a friction that goes with the position eleven effects of next to nothing stayed, as more than a model is grown to were never left out."""
     law = PeriodicFriction("shoulder", 0.3, 0.2, 3.0, -0.5)
@@ -193,11 +199,13 @@ def test_springs_are_told_from_a_spring_between_joints(rig: Rig, hidden: tuple[E
     assert choose(asked, candidates(rig, asked.scales), Workers(1), Clock(0.0, math.inf)).chosen.key == key
 
 
+@pytest.mark.slow
 def test_a_spring_of_one_joint_is_no_coupling(rig: Rig) -> None:
     """Nor where nobody has thought of it: a ratio of next to nothing is not told."""
     assert not any(one.on == "pair" for one in described(rig, (JointSpring("elbow", 1.5, 0.1),)).effects)
 
 
+@pytest.mark.slow
 def test_a_formula_that_explains_all_by_itself_is_found_before_anything_is_combined(rig: Rig) -> None:
     trials = sought(rig, PeriodicTorque("elbow", 0.4, 8.0, 0.7))
     found = lone_formula(trials)

@@ -51,6 +51,7 @@ def test_pairs_come_with_their_sizes(trials: Trials) -> None:
     assert values["shoulder"].torque == pytest.approx(1.0, rel=0.05)  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_beside_what_was_found_pairs_are_found_too_that_make_some_of_it_idle(rig: Rig) -> None:
     asked = posed(rig, CoulombFriction("elbow", 0.3), *HIDDEN, seconds=4.0, noise=2e-4)
     options = [one for one in candidates(rig, asked.scales) if one.name in ("coulomb_friction", "payload", "torque_bias", "torque_gain")]

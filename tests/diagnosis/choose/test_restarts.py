@@ -48,6 +48,7 @@ def test_from_nothing_and_from_what_is_wrong_the_way_leads_to_what_is_hidden(ask
         assert parameters_of(effect) == pytest.approx(parameters_of(true), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_little_of_everything_gives_way_to_a_few_effects(asked: Problem) -> None:
     """A model of all joints is where fits end that cannot follow the motion; it is no place to go on from."""
     trials = _trials(asked, "torque_gain", "coulomb_friction")

@@ -49,6 +49,7 @@ def test_on_few_joints_single_effects_are_sought(asked: Problem, rig: Rig) -> No
     assert not has_many_joints(searching(posed(rig, seconds=2.0)))
 
 
+@pytest.mark.slow
 def test_what_few_joints_need_is_left_to_a_search_by_single_effects(seven: Rig) -> None:
     trials = searching(posed(seven, CoulombFriction("front", 1.0), ViscousFriction("front", 0.5), seconds=2.0, noise=1e-4))
     assert together(trials, kinds_of(trials)) == ()
@@ -60,6 +61,7 @@ def test_without_time_there_is_nothing_and_that_is_said(asked: Problem) -> None:
     assert list(trials.cut) == [STAGE]
 
 
+@pytest.mark.slow
 def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed_as_used(seven: Rig) -> None:
     """Of all that is missed, by far the most of the front leg, the back leg's rotor explains next to nothing."""
     asked = posed(seven, CoulombFriction("front", 2.0), Armature("back", 0.01), seconds=3.0, noise=2e-4)
@@ -72,6 +74,7 @@ def test_only_the_joint_that_an_effect_acts_on_says_whether_it_is_needed_as_used
     assert kept == [("coulomb_friction", "front"), ("armature", "back")]
 
 
+@pytest.mark.slow
 def test_what_most_joints_have_the_others_are_given_too(asked: Problem) -> None:
     trials = searching(asked)
     lacking = tuple(one for one in HIDDEN if (one.name, one.target) != ("viscous_friction", "back"))
@@ -95,6 +98,7 @@ def test_other_models_are_left_to_fits_in_windows(asked: Problem, effects: tuple
     assert trials.models == [trials.nominal]
 
 
+@pytest.mark.slow
 def test_what_was_left_out_may_stay_so_where_nothing_is_gained(asked: Problem) -> None:
     """Frictions twice as large: what is then missed is fitted away, but what is as it should be is not taken for better."""
     trials = searching(asked)

@@ -52,6 +52,7 @@ def test_rivals_are_told_apart_within_the_limits(tmp_path: Path, in_process: Cal
     assert motion.q[at, 0] == pytest.approx(said["predictions"][0]["position"], abs=0.01)
 
 
+@pytest.mark.slow
 def test_what_no_motion_tells_is_said_and_no_file_is_left(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
     """On a single joint a rotor and a larger inertia of its link are one."""
     write_case(tmp_path, [Armature("hinge", 0.03)], recordings=3, seconds=3.0)
@@ -64,6 +65,7 @@ def test_what_no_motion_tells_is_said_and_no_file_is_left(tmp_path: Path, in_pro
     assert not (tmp_path / "report" / "next_experiment.csv").exists()
 
 
+@pytest.mark.slow
 def test_too_little_data_asks_for_what_tells_most(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
     write_case(tmp_path, [ViscousFriction("hinge", 0.03)], recordings=1, seconds=3.0)
     text, data = asked(in_process, tmp_path)
@@ -73,6 +75,7 @@ def test_too_little_data_asks_for_what_tells_most(tmp_path: Path, in_process: Ca
     assert len(pd.read_csv(tmp_path / "report" / "next_experiment.csv")) == 1000
 
 
+@pytest.mark.slow
 def test_nothing_is_asked_for_where_nothing_is_open(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]]) -> None:
     write_case(tmp_path, [CoulombFriction("hinge", 0.15)], seconds=4.0)
     text, data = asked(in_process, tmp_path)

@@ -28,6 +28,7 @@ def _posed(folder: Path, *effects: Effect) -> Problem:
     return problem(measured, reference(rig, measured.recordings), 0.5)
 
 
+@pytest.mark.slow
 def test_the_damping_of_an_elastic_joint_comes_out_right(tmp_path: Path) -> None:
     """A lightly damped motor forgets where it was within a second; taken to be where the recorded joint drives it, it would be damped twice as much."""
     truth = JointElasticity("hinge", 60.0, 0.06, 0.02)
@@ -43,6 +44,7 @@ def test_the_damping_of_an_elastic_joint_comes_out_right(tmp_path: Path) -> None
     assert np.abs((values - [60.0, 0.06, 0.02]) / model.standard_errors).max() < 3
 
 
+@pytest.mark.slow
 def test_a_late_sensor_comes_out_right_under_commands_that_jump(rig: Rig) -> None:
     """What it read before a window was known but from the smoothed recording, to twelve times the noise where the motor's torque jumped between two rows."""
     late, step, held = 0.024, 0.001, 30

@@ -21,6 +21,7 @@ def lengthened(folder: Path, clock: Clock = UNHURRIED) -> FreeSettings:
     return longest(*measured(folder), DEFAULT, Workers(1), clock).settings
 
 
+@pytest.mark.slow
 def test_without_time_longer_windows_are_not_looked_at(tossed: Tossed) -> None:
     """A minitaur's three lengths took minutes, whatever time there was."""
     folder = tossed(ground=None)
@@ -55,6 +56,7 @@ def test_beside_a_large_mismatch_windows_are_short_and_beside_what_was_found_lon
     assert np.sqrt((missed**2).mean()) < 1.3
 
 
+@pytest.mark.slow
 def test_few_recordings_have_as_many_windows_as_a_test_of_chance_asks_for(tossed: Tossed) -> None:
     assert lengthened(tossed(tosses=5, ground=None)).window == pytest.approx(0.152)
     assert lengthened(tossed(tosses=2, ground=None)) == DEFAULT.free
@@ -65,6 +67,7 @@ def test_longer_windows_are_never_none() -> None:
     assert min(found.few, found.windows, found.unseen_windows, found.fewest) == 1
 
 
+@pytest.mark.slow
 def test_windows_that_the_rig_does_not_repeat_are_left_out(tossed: Tossed) -> None:
     folder = tossed()
     some = DiagnosisSettings(free=FreeSettings(longer=(1.0,), enough=0.3))

@@ -64,6 +64,7 @@ def test_the_corrected_rig_is_a_rig_that_predicts_better(slippery: tuple[Path, D
     assert off[1][2] < off[0][2] / 2
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path) -> None:
     folder = tossed()
     found = diagnose_files(folder / "rig.yaml", [str(folder / "toss_*.csv")], tmp_path, jobs=1, settings=QUICK)

@@ -32,6 +32,7 @@ def search(tossed: Tossed) -> FreeSearch:
     return FreeSearch(length.windows, few, Workers(1), UNHURRIED, settings.replay, evidence=evidence)
 
 
+@pytest.mark.slow
 def test_a_force_on_the_only_body_is_gravity(search: FreeSearch) -> None:
     (force,) = (one for one in search.hypotheses if one.kind.name == "external_force")
     chosen = search.settled(search.fitted([force], [(0.1, 0.0, 0.0)]))

@@ -23,6 +23,7 @@ def identified(rounds: int) -> Identified:
         return at_once(parts.fitted, options, 2, rounds, 0, workers, SETTINGS)
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_found_and_what_is_right_stays() -> None:
     found = identified(rounds=4)
     values = {(one.name, one.target): list(one.to_dict().values())[-1] for one in found.model.effects}
@@ -35,5 +36,6 @@ def test_what_is_wrong_is_found_and_what_is_right_stays() -> None:
     assert found.model.description == min(found.descriptions)
 
 
+@pytest.mark.slow
 def test_it_says_when_it_was_stopped_before_its_end() -> None:
     assert not identified(rounds=1).converged

@@ -46,6 +46,7 @@ def test_every_joint_and_link_is_looked_at_alone_and_with_its_like() -> None:
     assert gravity.absent == (0.0, 0.0, -9.81)
 
 
+@pytest.mark.slow
 def test_a_heavy_pole_is_found_to_the_last_digit() -> None:
     task = get_task("heavy_pendulum@2")
     found = unmask(task)
@@ -58,6 +59,7 @@ def test_a_heavy_pole_is_found_to_the_last_digit() -> None:
     assert DiagnosisResult.from_json(found.result.to_json()).effects == found.result.effects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_source_held_against_itself_is_no_mismatch(noise: float) -> None:
     found = unmask(get_task("biased_pendulum").undone(), noise)
@@ -65,6 +67,7 @@ def test_a_source_held_against_itself_is_no_mismatch(noise: float) -> None:
     assert found.effects == ()
 
 
+@pytest.mark.slow
 def test_with_noise_a_weak_motor_is_found_to_within_5_percent() -> None:
     """One hypothesis of each kind on one joint is enough here: the whole catalogue takes minutes."""
     task, settings = get_task("broken_hopper@0.5"), DEFAULT.replay
@@ -170,6 +173,7 @@ def test_delays_are_sought_within_what_is_known_of_a_stretch() -> None:
     assert longest <= settings.settle * task.robot.dt
 
 
+@pytest.mark.slow
 def test_the_command_says_what_was_changed_and_writes_a_pair_that_can_be_run(tmp_path: Path) -> None:
     out = tmp_path / "report"
     call = ["diagnose", "--task", "heavy_pendulum@2", "--samples", "150", "--seconds", "60", "--jobs", "1", "--out", str(out)]

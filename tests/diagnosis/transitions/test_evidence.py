@@ -40,6 +40,7 @@ def test_without_noise_all_is_put_right() -> None:
     assert trust_in(own(0.0), SETTINGS) == (1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_with_noise_so_much_is_put_right_that_the_source_predicts_its_own_best() -> None:
     found = own(0.01)
     trust = trust_in(found, SETTINGS)
@@ -65,6 +66,7 @@ def test_a_mismatch_that_shows_seldom_is_evident_and_nothing_is_not() -> None:
         assert not compared(same, known, options, 100, workers, DEFAULT).is_mismatch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("off", "differs"), [(0, False), (1, False), (10, True)])
 def test_a_contact_that_comes_a_step_sooner_once_is_no_mismatch(off: int, differs: bool) -> None:
     """Seen where an episode began with a foot that touched the ground to within rounding."""
@@ -81,6 +83,7 @@ def test_a_contact_that_comes_a_step_sooner_once_is_no_mismatch(off: int, differ
     assert ("but for 1 of 1000" in said.said) is (off == 1)
 
 
+@pytest.mark.slow
 def test_the_quieter_of_two_is_not_the_noisier() -> None:
     """The target's slider moved less than the source's, and its noise seemed six times as large, told in spreads of its own steps."""
     task = get_task("multipolar_swingup_0").undone()

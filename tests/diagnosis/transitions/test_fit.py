@@ -26,6 +26,7 @@ def test_a_fit_without_noise_ends_at_the_truth() -> None:
     assert model.is_exact(SETTINGS)
 
 
+@pytest.mark.slow
 def test_gravity_comes_out_exact_in_all_its_components() -> None:
     task = get_task("ant_gravity")
     found = Replay(task.robot, drawn(task, 60, 0.0, 1)[0], SETTINGS.settle, SETTINGS.worst)

@@ -19,6 +19,7 @@ from mpge_bench.envs import get_task
 from mpge_bench.unmask import drawn
 
 
+@pytest.mark.slow
 def test_intervals_come_from_the_rows_that_were_fitted() -> None:
     """Of several episodes, of which the ends are held out: rows of the rest were looked up among all, and intervals came out up to 2,000 times too short."""
     task, settings = get_task("heavy_walker"), DEFAULT.replay

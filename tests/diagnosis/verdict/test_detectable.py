@@ -77,6 +77,7 @@ def test_far_from_the_noise_sizes_are_those_that_the_rule_of_choice_takes_in(tmp
     assert sum(taken[0.2]) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_far", [False, True], ids=["near", "far"])
 def test_of_an_effect_that_contains_a_plainer_one_only_what_goes_beyond_counts(tmp_path: Path, is_far: bool) -> None:
     """A spring was said to show by the size of one at rest elsewhere, which is for the most part a motor's bias; one at rest at 0 did not show."""
@@ -115,6 +116,7 @@ def test_an_effect_whose_first_component_is_not_there_has_a_size_all_the_same(tm
         assert min(sizes.values()) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_far", [False, True], ids=["near", "far"])
 def test_what_another_does_as_well_is_told_from_it_at_no_size(tmp_path: Path, is_far: bool) -> None:
     """Of a pendulum a rotor is named in the place of the link's inertia; a motor's bias is its own, if more of it than shows at all."""
@@ -132,6 +134,7 @@ def test_what_another_does_as_well_is_told_from_it_at_no_size(tmp_path: Path, is
     assert rotor.told == pytest.approx(rotor.size)
 
 
+@pytest.mark.slow
 def test_nothing_is_said_to_be_told_where_sizes_are_not_in_proportion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a measured servo a link of twice the mass was said to be told; with all motors weaker by half the motion is the same, which small masses show."""
     posed, options, left = looked_at(tmp_path, [LEFT])

@@ -18,6 +18,7 @@ from mpge_bench.envs.effects import TorqueGain
 from ..conftest import write_case
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("seconds", [0.8, 2.0])
 def test_one_or_two_windows_are_too_little_data_without_a_warning(tmp_path: Path, seconds: float) -> None:
@@ -26,6 +27,7 @@ def test_one_or_two_windows_are_too_little_data_without_a_warning(tmp_path: Path
     assert diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1).result.verdict == "too_little_data"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("recordings", "seconds"), [(1, 3.0), (4, 1.0)])
 def test_too_short_recordings_of_a_large_effect_say_how_much_more_it_takes(tmp_path: Path, recordings: int, seconds: float) -> None:
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.6)], recordings=recordings, seconds=seconds)
@@ -44,6 +46,7 @@ def test_too_short_recordings_of_a_large_effect_say_how_much_more_it_takes(tmp_p
     assert choice.tested(problem(measured, linear, 0.5), candidates(measured.rig, scales(linear))).screening.p_value < 0.01
 
 
+@pytest.mark.slow
 def test_a_large_effect_is_named_from_one_recording_of_four_seconds(tmp_path: Path) -> None:
     """Of five windows, missed by 20 times the noise, it was said that they cannot tell a mismatch from chance."""
     rig = write_case(tmp_path, [TorqueGain("hinge", 0.6)], recordings=1, seconds=4.0)
@@ -52,6 +55,7 @@ def test_a_large_effect_is_named_from_one_recording_of_four_seconds(tmp_path: Pa
     assert found.verdict == "explained"
 
 
+@pytest.mark.slow
 def test_nothing_is_found_in_four_seconds_of_nothing(tmp_path: Path) -> None:
     rig = write_case(tmp_path, recordings=1, seconds=4.0)
     assert diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1).result.verdict in ("no_mismatch", "too_little_data")

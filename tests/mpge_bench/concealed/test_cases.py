@@ -117,6 +117,7 @@ def test_no_joint_goes_round_though_what_is_hidden_makes_the_loop_unstable() -> 
     assert np.abs(closed_loop(2027, 28)[0]).max() < 2.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "index"), [(2029, 35), (2029, 42), (2027, 58)])
 def test_rows_follow_every_motion(seed: int, index: int) -> None:
     """Arms of five to seven joints whose controller trembled from row to row, at up to 60 rad/s, which no rows of 10 ms tell."""
@@ -147,6 +148,7 @@ def test_a_case_that_cannot_be_recorded_is_drawn_anew(tmp_path: Path, monkeypatc
         _made(tmp_path, SEED, 1, "c")
 
 
+@pytest.mark.slow
 def test_make_writes_cases_once_and_keeps_answers_apart(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
     code, out, err = in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)
     assert code == 0, err

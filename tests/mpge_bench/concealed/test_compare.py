@@ -51,6 +51,7 @@ def test_all_parameters_at_once_come_near_where_they_can_say_it(folder: Path, mo
     assert {one["effect"] for one in found.said["effects"]} == set(all_parameters.USUAL)
 
 
+@pytest.mark.slow
 def test_a_residual_learns_what_the_simulator_lacks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(residual, "EPOCHS", 30)
     rig, given, unseen = read(folder)

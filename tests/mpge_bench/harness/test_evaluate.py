@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mpge_bench.harness.run import run
 from mpge_bench.harness.settings import RunSettings
 from mpge_bench.leaderboard.results import collect
 
 
+@pytest.mark.slow
 def test_the_oracle_chooses_the_best_of_a_sweep_and_scores_it_on_fresh_episodes(policy_folder, tmp_path):
     result = run(RunSettings("biased_pendulum", "ane", 50, "smoke"), tmp_path, policy_folder=policy_folder)
     oracle = result["oracle"]

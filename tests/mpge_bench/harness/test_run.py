@@ -80,6 +80,7 @@ def test_a_run_that_ends_halfway_leaves_nothing_that_looks_finished(policy_folde
     assert files(tmp_path / "out") == []
 
 
+@pytest.mark.slow
 def test_a_run_cut_short_while_its_agent_learns_goes_on_from_its_groundings(policy_folder, tmp_path, monkeypatch):
     whole = run(SMOKE, tmp_path / "whole", policy_folder=policy_folder)
 
@@ -157,6 +158,7 @@ def test_an_error_in_a_method_of_ones_own_comes_out_as_it_is(policy_folder, tmp_
     assert files(tmp_path / "out") == []
 
 
+@pytest.mark.slow
 def test_a_stored_run_is_run_again_to_the_same_policy(policy_folder, tmp_path):
     settings = dataclasses.replace(SMOKE, overrides=("agent.steps=512", "grounding.steps=512"), noise=0.01)
     first = run(settings, tmp_path / "one", policy_folder=policy_folder)
