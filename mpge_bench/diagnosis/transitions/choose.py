@@ -96,7 +96,9 @@ class Search(Trials):
     def first(self) -> Model:
         """The model from which the search goes on."""
         nominal = self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        return nominal if self.found is None else self.add(self.fitted(self.found.hypotheses, self.found.values))
+        if self.found is None:
+            return nominal
+        return self.models.get(self.found.key) or self.add(self.fitted(self.found.hypotheses, self.found.values))
 
     def taken_in(self, model: Model) -> Model:
         """`model`, or what is better by one more hypothesis or several of a kind."""
