@@ -32,8 +32,8 @@ def grow(trials: Trials, screening: Screening) -> None:
     Args:
         screening: of the nominal simulator.
     """
-    settings = trials.settings
-    drafts = _drafts(trials, [(trials.nominal, trials.fitter)], screening, 0)
+    settings, begun = trials.settings, time.monotonic()
+    drafts = _drafts(trials, [(trials.nominal, trials.fitter)], screening)
     if not drafts:
         return
     _renew_noise(trials, drafts[0])
@@ -42,11 +42,12 @@ def grow(trials: Trials, screening: Screening) -> None:
         if lone_formula(trials):
             return
         if drafts[0].overall < settings.leads * trials.nominal.overall:
-            _follow(trials, _polished(trials, drafts, 0, []))
+            _follow(trials, _polished(trials, drafts, [], first=True), begun)
             if min(one.overall for one in trials.models) < settings.coarse:
                 return
+            begun = time.monotonic()
         drafts, beside = _by_other_ways(trials, drafts)
-    _follow(trials, _polished(trials, drafts, 0, beside))
+    _follow(trials, _polished(trials, drafts, beside, first=True), begun)
 
 
 def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Beam]:
@@ -62,13 +63,12 @@ def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Be
     return drafts, beside
 
 
-def _follow(trials: Trials, grown: Beam) -> None:
-    """Grow further what the first round has `grown`, as long as that helps and something is left."""
+def _follow(trials: Trials, grown: Beam, begun: float) -> None:
+    """Grow further what the first round has `grown`, which `begun` then, s of the monotonic clock, as long as that helps and something is left."""
     settings = trials.settings
     for depth in range(1, settings.most + 1):
         if not grown:
             break
-        begun = time.monotonic()
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         levels = trials.levels([model for model, _ in grown])
         near = settings.held if levels[0] < settings.held else settings.half_truth
@@ -81,7 +81,8 @@ def _follow(trials: Trials, grown: Beam) -> None:
             _try_richer_friction(trials, *beam[0])
             break
         if depth < settings.most:
-            grown = _grown(trials, beam, depth)
+            begun = time.monotonic()
+            grown = _grown(trials, beam)
 
 
 def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> None:
@@ -95,37 +96,37 @@ def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> 
         trials.add(trials.converged(*richer)[0])
 
 
-def _grown(trials: Trials, beam: Beam, depth: int) -> Beam:
+def _grown(trials: Trials, beam: Beam) -> Beam:
     """Models of one more effect than those of the beam, or of two; none where the best of them is no better than the beam's."""
-    drafts = _drafts(trials, beam, None, depth)
+    drafts = _drafts(trials, beam)
     if not drafts:
         return []
-    grown = _polished(trials, drafts, depth, [])
+    grown = _polished(trials, drafts, [])
     if not grown or trials.is_better(beam[0][0], grown[0][0]):
         return grown
     # There is something, so that what no effect does alone two may do together.
     drafts = [] if trials.cut_short("combining effects") else _ordered(pairs(trials, *beam[0]))
-    grown = _polished(trials, drafts, depth, []) if drafts else []
+    grown = _polished(trials, drafts, []) if drafts else []
     return grown if grown and trials.is_better(beam[0][0], grown[0][0]) else []
 
 
-def _drafts(trials: Trials, beam: Beam, screening: Screening | None, depth: int) -> list[Model]:
+def _drafts(trials: Trials, beam: Beam, screening: Screening | None = None) -> list[Model]:
     """Models of one more effect than those of the beam, roughly fitted, best first, one of each set of effects.
 
     Args:
-        screening: of the beam, where that is the nominal simulator.
+        screening: of the beam in the first round, where that is the nominal simulator.
     """
     settings = trials.settings
     first, later, besides = settings.tried
     drafts: list[Model] = []
     for place, (model, fitter) in enumerate(beam):
         # Where the best model's next step leads near the noise, those that are far off need not be followed.
-        if depth and min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall:
+        if screening is None and min((one.overall for one in drafts), default=np.inf) < settings.reached * model.overall:
             break
-        if depth and trials.cut_short("combining effects"):
+        if screening is None and trials.cut_short("combining effects"):
             break
         looked = screening or screen(fitter, trials.candidates, model.fit, draws=trials.problem.settings.fit.draws_order)
-        drafts += _extended(trials, model, fitter, looked, first if depth == 0 else later if place == 0 else besides)
+        drafts += _extended(trials, model, fitter, looked, first if screening else later if place == 0 else besides)
     return _best_of_each(drafts)
 
 
@@ -148,11 +149,11 @@ def _extended(trials: Trials, model: Model, fitter: LinearFitter, looked: Screen
     return trials.drafted(fitter, trials.grown(fitter, steps), tried // 2) + trials.refined(fitter, begun)
 
 
-def _polished(trials: Trials, drafts: list[Model], depth: int, beside: Beam) -> Beam:
+def _polished(trials: Trials, drafts: list[Model], beside: Beam, *, first: bool = False) -> Beam:
     """The best drafts fitted to the end, and the models `beside` them, the one that predicts validation recordings best first."""
     settings = trials.settings
     # Where one model is near, one that is far off cannot catch up.
-    hopeless = settings.hopeless[1 if depth or beside else 0] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
+    hopeless = settings.hopeless[0 if first and not beside else 1] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
     followed = trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
     # What windows hardly show of a model beside them was needed where that was found.
     pairs = sorted([*beside, *_without_idle(trials, followed)], key=lambda pair: pair[0].overall)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -46,7 +48,7 @@ def test_a_model_that_was_found_beside_drafts_keeps_what_windows_hardly_show(tri
     """That of all joints of a quadruped was thrown away for the last of its fifty effects."""
     (draft,) = trials.refined(trials.fitter, [trials.fitter.at([InertiaScale("lower", 1.2)])])
     beside = trials.polished([[HIDDEN, Armature("elbow", 1e-9)]])
-    assert beam._polished(trials, [draft], 1, beside)[0][0].effects[-1].name == "armature"
+    assert beam._polished(trials, [draft], beside)[0][0].effects[-1].name == "armature"
 
 
 def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:
@@ -85,3 +87,19 @@ def test_where_one_effect_leads_another_is_tried_beside_it_before_other_ways(rig
     assert best.key == {"joint_spring:elbow", "payload:lower"}
     alone = [one.overall for one in trials.models if one.key == {"joint_spring:elbow"}]
     assert trials.settings.coarse < min(alone) < trials.settings.leads * trials.nominal.overall
+
+
+def test_how_long_a_round_took_is_reckoned_with_its_growth(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else another one of all joints was begun that there was no time for."""
+    pairs, grew, reckoned = trials.polished([[HIDDEN]]), [], []
+
+    def grown(*_: object) -> beam.Beam:
+        grew.append(time.monotonic())
+        return pairs if len(grew) == 1 else []
+
+    monkeypatch.setattr(beam, "_grown", grown)
+    monkeypatch.setattr(beam, "screen", lambda *_, **__: SimpleNamespace(p_value=0.0, odds=math.inf, gains={"anything": 1.0}))
+    monkeypatch.setattr(trials, "another", lambda _, begun: reckoned.append(begun) or 0.0)
+    beam._follow(trials, pairs, 0.0)
+    assert reckoned[0] == 0.0
+    assert 0.0 < reckoned[1] <= grew[0]
