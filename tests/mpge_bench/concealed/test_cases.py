@@ -65,7 +65,10 @@ class Broken:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cases")
+    """One case, with its answer."""
+    path = tmp_path_factory.mktemp("cases")
+    _made(path, SEED, 0, "c")
+    return path
 
 
 @pytest.mark.parametrize("name", ["mechanism", "laws", "recorded", "floating", "ground", "thrown", "draw", "make"])
@@ -149,24 +152,25 @@ def test_a_case_that_cannot_be_recorded_is_drawn_anew(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.slow
-def test_make_writes_cases_once_and_keeps_answers_apart(folder: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
-    code, out, err = in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)
+def test_make_writes_cases_once_and_keeps_answers_apart(tmp_path: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]) -> None:
+    code, out, err = in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", tmp_path, "--jobs", 1)
     assert code == 0, err
     assert "1 cases made" in out
-    given, kept = folder / "given" / "c0000", folder / "kept" / "c0000"
+    given, kept = tmp_path / "given" / "c0000", tmp_path / "kept" / "c0000"
     assert {path.name for path in given.iterdir()} == {"rig.yaml", "robot.urdf", *(f"train_{index:02d}.csv" for index in range(4))}
     assert {path.name for path in kept.iterdir()} == {"label.yaml", "test_00.csv", "test_01.csv"}
     assert yaml.safe_load((kept / "label.yaml").read_text())["effects"][0]["effect"] == "air_drag"
     before = {path.name: path.read_bytes() for path in (*given.iterdir(), *kept.iterdir())}
-    assert "0 cases made" in in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)[1]
+    assert "0 cases made" in in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", tmp_path, "--jobs", 1)[1]
     # As one that was stopped before it was done.
     (kept / "label.yaml").unlink()
     (given / "train_00.csv").write_text("half")
-    in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", folder, "--jobs", 1)
+    in_process("concealed", "make", "--cases", 1, "--seed", SEED, "--out", tmp_path, "--jobs", 1)
     assert {path.name: path.read_bytes() for path in (*given.iterdir(), *kept.iterdir())} == before
-    assert "seed 40" in refused("concealed", "make", "--seed", 1, "--out", folder)
+    assert "seed 40" in refused("concealed", "make", "--seed", 1, "--out", tmp_path)
 
 
+@pytest.mark.slow
 def test_score_counts_what_is_said_against_what_is_hidden(
     folder: Path, tmp_path: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]
 ) -> None:
