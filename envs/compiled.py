@@ -27,6 +27,11 @@ def compiled(function: Function) -> Function:
     return cast(Function, made)
 
 
+def inlined(function: Function) -> Function:
+    """`function` as `compiled` has it, but written into whatever compiled function calls it, and of no use elsewhere: what is too small to be called."""
+    return cast(Function, numba.njit(error_model="numpy", forceinline=True)(function))
+
+
 @lru_cache
 def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
     """Of the sources in `folder`: what functions that are compiled together call lies side by side."""

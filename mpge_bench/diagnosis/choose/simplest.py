@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mpge_bench.diagnosis.choose.score import idle, is_doubtless, means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects.vector import parameters_of, with_parameters
 
 
 def simplest(trials: Trials) -> Model:
@@ -101,7 +104,7 @@ def _roughly(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) 
 
 def plainer(trials: Trials, chosen: Model) -> Model:
     """`chosen` with an effect's plainer kin in its place, where that predicts as well."""
-    problem = trials.problem
+    problem, chosen = trials.problem, _each_by_itself(trials, chosen)
     fitter: LinearFitter | None = None
     for effect in chosen.effects:
         others = [other for other in chosen.effects if other is not effect]
@@ -117,6 +120,21 @@ def plainer(trials: Trials, chosen: Model) -> Model:
                 plain = trials.add(trials.to_the_end(kin))
             if not trials.is_better(plain, chosen):
                 return plainer(trials, plain)
+    return chosen
+
+
+def _each_by_itself(trials: Trials, chosen: Model) -> Model:
+    """`chosen` with an effect on each motor in the place of one on all of them beside more of it on all but one: as many, and all motors have nothing alike."""
+    motors = trials.problem.rig.driven
+    for whole in [effect for effect in chosen.effects if effect.target == "*"]:
+        more = {one.target: one for one in chosen.effects if one.name == whole.name and one is not whole}
+        if len(more) < len(motors) - 1:
+            continue
+        others = [one for one in chosen.effects if one is not whole and one not in more.values()]
+        sums = [with_parameters(one, np.sum([parameters_of(part) for part in (one, more.get(one.target)) if part], 0).tolist()) for one in whole.each(motors)]
+        apart = trials.add(trials.to_the_end([*others, *sums]))
+        if not trials.is_better(apart, chosen):
+            return apart
     return chosen
 
 

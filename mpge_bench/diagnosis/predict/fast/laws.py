@@ -41,7 +41,7 @@ from mpge_bench.diagnosis.predict.fast.program import (
     WRITTEN,
     Indices,
 )
-from mpge_bench.envs.compiled import compiled
+from mpge_bench.envs.compiled import compiled, inlined
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -73,9 +73,10 @@ def _on_curve(value: float, tables: Array, at: int, count: int) -> float:
 
 
 @compiled
-def _transmitted(torque: float, angle: float, speed: float, numbers: Array, memory: Array, at: int, dt: float) -> float:
+def _transmitted(
+    torque: float, angle: float, speed: float, inertia: float, stiffness: float, damping: float, play: float, memory: Array, at: int, dt: float
+) -> float:
     """`_MotorSide.transmit`; memory: whether it has begun, the motor's angle and its speed."""
-    inertia, stiffness, damping, play = numbers[0], numbers[1], numbers[2], numbers[3]
     if memory[at] == 0.0:
         memory[at], memory[at + 1], memory[at + 2] = 1.0, angle, speed
     motor, motor_speed = memory[at + 1], memory[at + 2]
@@ -128,70 +129,91 @@ def _served(command: float, q: float, dq: float, kp: float, kd: float, every: in
     return float(memory[at + 1])
 
 
-@compiled
-def delivered(
-    first: int, last: int, operations: Indices, numbers: Array, tables: Array, dt: float, command: float, q: float, dq: float, memory: Array
-) -> tuple[float, float]:
-    """What operations `first` to `last` make of one joint's `command` in one physics step: the torque, and the most that dry friction opposes.
+@inlined
+def drive(
+    spans: Indices, operations: Indices, numbers: Array, tables: Array, dt: float, u: Array, q: Array, dq: Array, memory: Array, torque: Array, most: Array
+) -> None:
+    """What the motors make of `u` in one physics step, into `torque`, and the most that dry friction opposes, into `most`; all shape (joints,).
+
+    One function for all joints: each call with arrays costs as much as an operation.
 
     Args:
-        memory: what they remember, changed; 0 at rest, but for its last number, the time since the motion began, s.
+        spans: of each joint its first operation, and at last the number of all.
+        memory: what operations remember, changed; 0 at rest, but for its last number, the time since the motion began, s.
     """
-    rub = 0.0
-    for index in range(first, last):
-        operation, at = operations[index, 0], operations[index, 1]
-        n = numbers[index]
-        if operation == GAIN:
-            command *= n[0]
-        elif operation == BIAS:
-            command += n[0]
-        elif operation == VISCOUS:
-            command -= n[0] * dq
-        elif operation == COULOMB:
-            rub += n[0]
-        elif operation == SPRING:
-            command += n[0] * (n[1] - q)
-        elif operation == DRAG:
-            command -= n[0] * abs(dq) * dq
-        elif operation == DEAD_ZONE:
-            command -= _cut(command, n[0])
-        elif operation == LIMIT:
-            command = _cut(command, n[0])
-        elif operation == STRIBECK:
-            rub += n[0] + (n[1] - n[0]) * math.exp(-((dq / n[2]) ** 2))
-        elif operation == LOAD:
-            rub += n[0] * abs(command)
-        elif operation == BACK_EMF:
-            if command * dq > 0:
-                command = _cut(command, max(0.0, n[0] * (1 - abs(dq) / n[1])))
-        elif operation == LAG:
-            command = _lagged(command, n[0], memory, at)
-        elif operation == LATE:
-            command = _delayed(command, int(n[0]), n[1], n[2] != 0.0, memory, at)
-        elif operation == SERVO:
-            command = _served(command, q, dq, n[0], n[1], int(n[2]), memory, at)
-        elif operation == MOTOR_SIDE:
-            command = _transmitted(command, q, dq, n, memory, at, dt)
-        elif operation == DC_MOTOR:
-            current = _cut(command / n[0] * n[1] - n[0] * dq, n[2]) / n[1]
-            command = np.sign(current) * _on_curve(abs(current), tables, operations[index, 2], int(n[3]))
-        elif operation in (WAVES, OSCILLATING):
-            command += n[0] * math.sin(n[1] * (q if operation == WAVES else memory[-1]) + n[2])
-        elif operation == CUBIC:
-            command -= n[0] * (q - n[1]) ** 3
-        elif operation in (WAVY_FRICTION, SLOPED_FRICTION):
-            rub += max(n[0] + n[1] * (math.sin(n[2] * q + n[3]) if operation == WAVY_FRICTION else q), 0.0)
-        elif operation == ONE_WAY:
-            command -= (n[0] if dq > 0 else n[1]) * dq
-        elif operation in (WAVY_GAIN, DRIFTING):
-            command *= 1 + n[0] * (math.sin(n[1] * q + n[2]) if operation == WAVY_GAIN else memory[-1])
-        elif operation == CURVE:
-            signal = q if n[0] == 0.0 else dq if n[0] == 1.0 else command
-            command += _on_curve(signal, tables, operations[index, 2], int(n[1]))
-    return command, rub
+    for joint in range(len(u)):
+        command, angle, speed, rub = u[joint], q[joint], dq[joint], 0.0
+        for index in range(spans[joint], spans[joint + 1]):
+            operation, at, table = operations[index, 0], operations[index, 1], operations[index, 2]
+            a, b, c, d = numbers[index, 0], numbers[index, 1], numbers[index, 2], numbers[index, 3]
+            if operation == LAG:
+                command = _lagged(command, a, memory, at)
+            elif operation == LATE:
+                command = _delayed(command, int(a), b, c != 0.0, memory, at)
+            elif operation == SERVO:
+                command = _served(command, angle, speed, a, b, int(c), memory, at)
+            elif operation == MOTOR_SIDE:
+                command = _transmitted(command, angle, speed, a, b, c, d, memory, at, dt)
+            elif operation == DC_MOTOR:
+                current = _cut(command / a * b - a * speed, c) / b
+                command = np.sign(current) * _on_curve(abs(current), tables, table, int(d))
+            elif operation == CURVE:
+                command += _on_curve(angle if a == 0.0 else speed if a == 1.0 else command, tables, table, int(b))
+            else:
+                rub += _rubbed(operation, a, b, c, d, command, angle, speed)
+                command = _passed(operation, a, b, c, command, angle, speed, memory[-1])
+        torque[joint], most[joint] = command, rub
+    memory[-1] += dt
 
 
-@compiled
+@inlined
+def _passed(operation: int, a: float, b: float, c: float, command: float, q: float, dq: float, time: float) -> float:
+    """What an operation that remembers nothing makes of a command."""
+    if operation == GAIN:
+        command *= a
+    elif operation == BIAS:
+        command += a
+    elif operation == VISCOUS:
+        command -= a * dq
+    elif operation == SPRING:
+        command += a * (b - q)
+    elif operation == DRAG:
+        command -= a * abs(dq) * dq
+    elif operation == DEAD_ZONE:
+        command -= _cut(command, a)
+    elif operation == LIMIT:
+        command = _cut(command, a)
+    elif operation == BACK_EMF:
+        if command * dq > 0:
+            command = _cut(command, max(0.0, a * (1 - abs(dq) / b)))
+    elif operation in (WAVES, OSCILLATING):
+        command += a * math.sin(b * (q if operation == WAVES else time) + c)
+    elif operation == CUBIC:
+        command -= a * (q - b) ** 3
+    elif operation == ONE_WAY:
+        command -= (a if dq > 0 else b) * dq
+    elif operation in (WAVY_GAIN, DRIFTING):
+        command *= 1 + a * (math.sin(b * q + c) if operation == WAVY_GAIN else time)
+    return command
+
+
+@inlined
+def _rubbed(operation: int, a: float, b: float, c: float, d: float, command: float, q: float, dq: float) -> float:
+    """The most that an operation opposes as dry friction."""
+    if operation == COULOMB:
+        return a
+    if operation == STRIBECK:
+        return a + (b - a) * math.exp(-((dq / c) ** 2))
+    if operation == LOAD:
+        return a * abs(command)
+    if operation == WAVY_FRICTION:
+        return max(a + b * math.sin(c * q + d), 0.0)
+    if operation == SLOPED_FRICTION:
+        return max(a + b * q, 0.0)
+    return 0.0
+
+
+@inlined
 def tie(ties: Array, q: Array, dq: Array, asked: Array) -> None:
     """Take off the torques that the motion asks for, shape (joints,), what joints pull on each other with; `ties` as a `FlatTree` has them."""
     for index in range(len(ties)):
@@ -218,7 +240,9 @@ def _followed(operation: int, numbers: Array, size: int, dt: float, command: Arr
                 command[line, step] = _served(command[line, step], q[line, step], dq[line, step], numbers[0], numbers[1], int(numbers[2]), memory, 0)
         elif operation == MOTOR_SIDE:
             for step in range(command.shape[1]):
-                command[line, step] = _transmitted(command[line, step], q[line, step], dq[line, step], numbers, memory, 0, dt)
+                command[line, step] = _transmitted(
+                    command[line, step], q[line, step], dq[line, step], numbers[0], numbers[1], numbers[2], numbers[3], memory, 0, dt
+                )
 
 
 def follow(effect: Effect, command: Array, q: Array, dq: Array, step: float, offered: float = math.inf) -> None:

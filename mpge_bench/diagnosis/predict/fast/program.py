@@ -54,7 +54,7 @@ WAVES, CUBIC, WAVY_FRICTION, SLOPED_FRICTION, ONE_WAY, WAVY_GAIN, DRIFTING, OSCI
 #: Signals that a curve goes by.
 _SIGNALS = {"q": 0.0, "dq": 1.0, "command": 2.0}
 #: Most numbers of an operation.
-NUMBERS = 6
+NUMBERS = 4
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.predict.fast.laws import delivered
+from mpge_bench.diagnosis.predict.fast.laws import drive
 from mpge_bench.diagnosis.predict.fast.program import Indices, Program, has_law, written
 from mpge_bench.diagnosis.predict.fast.trees import FlatTree, dynamics, flat_tree, hold, solve, workspace
-from mpge_bench.envs.compiled import compiled
+from mpge_bench.envs.compiled import compiled, inlined
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -265,14 +265,14 @@ def _rolled(
         result[window, 0] = start[window]
         for step in range(warm_u.shape[1] - warm_count[window] if len(warm_count) else 0, warm_u.shape[1]):
             then = window, step
-            _drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
+            drive(spans, operations, numbers, tables, dt, warm_u[then], warm_q[then], warm_dq[then], memory, right, most)
         _set_aside(motors, beside[window], q, dq, memory)
         for row in range(rows):
             sane = True
             # Gravity is as good as the base accelerating upwards.
             pull = pulls[window, row] if len(pulls) else gravity
             for _ in range(every):
-                _drive(spans, operations, numbers, tables, dt, u[window, row], q, dq, memory, right, most)
+                drive(spans, operations, numbers, tables, dt, u[window, row], q, dq, memory, right, most)
                 dynamics(whole, joints, pushes, pull, ties, q, dq, room, mass, spent)
                 _step(mass, spent, rubs, dt, q, dq, right, most, answer)
                 for joint in range(n):
@@ -295,27 +295,7 @@ def _set_aside(motors: Indices, beside: Array, q: Array, dq: Array, memory: Arra
         memory[at + 2] += beside[2 * motor + 1]
 
 
-@compiled
-def _drive(
-    spans: Indices,
-    operations: Indices,
-    numbers: Array,
-    tables: Array,
-    dt: float,
-    u: Array,
-    q: Array,
-    dq: Array,
-    memory: Array,
-    torque: Array,
-    most: Array,
-) -> None:
-    """What the motors make of `u` in one physics step, into `torque`, and the most that dry friction opposes, into `most`; all shape (joints,)."""
-    for joint in range(len(u)):
-        torque[joint], most[joint] = delivered(spans[joint], spans[joint + 1], operations, numbers, tables, dt, u[joint], q[joint], dq[joint], memory)
-    memory[-1] += dt
-
-
-@compiled
+@inlined
 def _step(mass: Array, spent: Array, rubs: bool, dt: float, q: Array, dq: Array, torque: Array, most: Array, answer: Array) -> None:
     """One physics step of `q` and `dq`; overwrites the mass matrix, what the motion asks for, torques, the most that dry friction opposes, and room."""
     n = len(q)

@@ -1,7 +1,7 @@
 """Forward dynamics of a tree of links on a fixed base, compiled: mass matrix, bias torques and one physics step as PyBullet takes it.
 
 Everything is written along the base's axes about the base's origin (Featherstone, *Rigid Body Dynamics Algorithms*, chapters 5 and 6): inertias of the links
-that a joint carries then simply add up. Spatial vectors hold the rotation first.
+that a joint carries then simply add up.
 """
 
 from __future__ import annotations
@@ -14,7 +14,22 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.predict.fast.laws import tie
-from mpge_bench.envs.compiled import compiled
+from mpge_bench.diagnosis.predict.fast.spatial import (
+    Body,
+    Matrix,
+    Vector,
+    carried,
+    cross,
+    dot,
+    plus,
+    put,
+    put_spatial,
+    row_times,
+    spatial,
+    three,
+    turned,
+)
+from mpge_bench.envs.compiled import compiled, inlined
 from mpge_bench.envs.dynamics import body_parameters
 from mpge_bench.envs.model import Model
 
@@ -102,33 +117,10 @@ def flat_tree(model: Model, joints: Sequence[str], rotors: Sequence[float], grav
 
 
 #: Where each joint's row in the room of `dynamics` holds its frame (rotation, origin), its axis, motion and acceleration (spatial vectors), what force it asks
-#: for, its body about the base's origin, and a momentum; row 0 is the base's.
-_TURN, _AT, _ALONG, _MOTION, _PULL, _FORCE, _BODY, _MOMENTUM, _ROOM = 0, 9, 12, 18, 24, 30, 36, 46, 52
+#: for, and its body about the base's origin (mass, mass times centre, inertia); row 0 is the base's.
+_TURN, _AT, _ALONG, _MOTION, _PULL, _FORCE, _BODY, _ROOM = 0, 9, 12, 18, 24, 30, 36, 46
 #: Where each joint's numbers hold its place, its frame's three parts, its axis, its body and its rotor.
 _PLACE, _PARTS, _AXIS, _MASS, _ROTOR = 0, 3, 30, 33, 43
-
-
-@compiled
-def _add_cross(room: Array, k: int, a: int, b: int, out: int, size: float) -> None:
-    """Add `size` times the cross product of the vectors at `a` and `b` to that at `out`."""
-    a0, a1, a2, b0, b1, b2 = room[k, a], room[k, a + 1], room[k, a + 2], room[k, b], room[k, b + 1], room[k, b + 2]
-    room[k, out] += size * (a1 * b2 - a2 * b1)
-    room[k, out + 1] += size * (a2 * b0 - a0 * b2)
-    room[k, out + 2] += size * (a0 * b1 - a1 * b0)
-
-
-@compiled
-def _carry(room: Array, k: int, vector: int, out: int) -> None:
-    """A joint's body (mass, mass times centre, inertia about the base's origin) times its spatial vector at `vector`, to `out`."""
-    b = _BODY
-    x, y, z = room[k, vector], room[k, vector + 1], room[k, vector + 2]
-    room[k, out] = room[k, b + 4] * x + room[k, b + 5] * y + room[k, b + 6] * z
-    room[k, out + 1] = room[k, b + 5] * x + room[k, b + 7] * y + room[k, b + 8] * z
-    room[k, out + 2] = room[k, b + 6] * x + room[k, b + 8] * y + room[k, b + 9] * z
-    for i in range(3):
-        room[k, out + 3 + i] = room[k, b] * room[k, vector + 3 + i]
-    _add_cross(room, k, b + 1, vector + 3, out, 1.0)
-    _add_cross(room, k, b + 1, vector, out + 3, -1.0)
 
 
 @compiled
@@ -140,10 +132,8 @@ def workspace(joints: int) -> Array:
     return room
 
 
-@compiled
-def dynamics(
-    whole: Indices, numbers: Array, pushes: Array, gravity: Array, ties: Array, q: Array, dq: Array, room: Array, mass: Array, bias: Array
-) -> None:
+@inlined
+def dynamics(whole: Indices, numbers: Array, pushes: Array, gravity: Array, ties: Array, q: Array, dq: Array, room: Array, mass: Array, bias: Array) -> None:
     """Mass matrix, rotors included, and the torques that hold the joints' speeds as they are, less the constant forces' and ties': into `mass` and `bias`.
 
     Args:
@@ -155,119 +145,121 @@ def dynamics(
         # Gravity is as good as the base accelerating upwards.
         room[0, _PULL + 3 + i] = -gravity[i]
     for index in range(len(whole)):
-        column, up, slides, k = whole[index, 0], whole[index, 1] + 1, whole[index, 2], index + 1
-        _turn(numbers, index, up, q[column] if slides == 0 else 0.0, room)
-        _move(up, slides, k, q[column], dq[column], room)
-        _weigh(numbers, index, room)
-        _carry(room, k, _PULL, _FORCE)
-        _carry(room, k, _MOTION, _MOMENTUM)
-        _add_cross(room, k, _MOTION, _MOMENTUM, _FORCE, 1.0)
-        _add_cross(room, k, _MOTION + 3, _MOMENTUM + 3, _FORCE, 1.0)
-        _add_cross(room, k, _MOTION, _MOMENTUM + 3, _FORCE + 3, 1.0)
+        _hand_out(numbers, index, whole[index, 1] + 1, whole[index, 2], q[whole[index, 0]], dq[whole[index, 0]], room)
     for index in range(len(pushes)):
         _push(pushes, index, room)
     _gather(whole, numbers, room, mass, bias)
     tie(ties, q, dq, bias)
 
 
-@compiled
-def _turn(numbers: Array, index: int, up: int, angle: float, room: Array) -> None:
-    """Where joint `index`, turned by `angle`, and its axis lie in the base's frame, from the joint in row `up` that carries it."""
+@inlined
+def _hand_out(numbers: Array, index: int, up: int, slides: int, place: float, speed: float, room: Array) -> None:
+    """Frame, axis, motion, acceleration, body and force of joint `index`, which is at `place`, from those of the joint in row `up` that carries it."""
     k = index + 1
-    sine, rest = math.sin(angle), 1 - math.cos(angle)
-    for i in range(3):
-        room[k, _AT + i] = room[up, _AT + i]
-        for j in range(3):
-            room[k, _AT + i] += room[up, _TURN + 3 * i + j] * numbers[index, _PLACE + j]
-            total = 0.0
-            for m in range(3):
-                at = _PARTS + 3 * m + j
-                total += room[up, _TURN + 3 * i + m] * (numbers[index, at] + sine * numbers[index, at + 9] + rest * numbers[index, at + 18])
-            room[k, _TURN + 3 * i + j] = total
-    for i in range(3):
-        total = 0.0
-        for j in range(3):
-            total += room[k, _TURN + 3 * i + j] * numbers[index, _AXIS + j]
-        room[k, _ALONG + i], room[k, _ALONG + 3 + i] = total, 0.0
-
-
-@compiled
-def _move(up: int, slides: int, k: int, shift: float, speed: float, room: Array) -> None:
-    """The spatial axis of the joint in row `k`, which slides by `shift` if it `slides`, and its body's motion and acceleration at `speed`."""
+    turn, at = _framed(numbers, index, up, 0.0 if slides else place, room)
+    axis = turned(turn, three(numbers, index, _AXIS))
     if slides:
-        for i in range(3):
-            room[k, _AT + i] += room[k, _ALONG + i] * shift
-            room[k, _ALONG + 3 + i], room[k, _ALONG + i] = room[k, _ALONG + i], 0.0
+        at = plus(at, axis, place)
+        along = (0.0, 0.0, 0.0), axis
     else:
-        _add_cross(room, k, _AT, _ALONG, _ALONG + 3, 1.0)
-    for i in range(6):
-        room[k, _MOTION + i] = room[up, _MOTION + i] + room[k, _ALONG + i] * speed
-        room[k, _PULL + i] = room[up, _PULL + i]
-    _add_cross(room, k, _MOTION, _ALONG, _PULL, speed)
-    _add_cross(room, k, _MOTION, _ALONG + 3, _PULL + 3, speed)
-    _add_cross(room, k, _MOTION + 3, _ALONG, _PULL + 3, speed)
+        along = axis, cross(at, axis)
+    before, pulled = spatial(room, up, _MOTION), spatial(room, up, _PULL)
+    motion = plus(before[0], along[0], speed), plus(before[1], along[1], speed)
+    bent = plus(cross(motion[0], along[1]), cross(motion[1], along[0]), 1.0)
+    pull = plus(pulled[0], cross(motion[0], along[0]), speed), plus(pulled[1], bent, speed)
+    body = _weighed(numbers, index, turn, at)
+    force, momentum = carried(body, pull), carried(body, motion)
+    twist = plus(cross(motion[0], momentum[0]), cross(motion[1], momentum[1]), 1.0)
+    put(room, k, _TURN, turn[0])
+    put(room, k, _TURN + 3, turn[1])
+    put(room, k, _TURN + 6, turn[2])
+    put(room, k, _AT, at)
+    put_spatial(room, k, _ALONG, along)
+    put_spatial(room, k, _MOTION, motion)
+    put_spatial(room, k, _PULL, pull)
+    put_spatial(room, k, _FORCE, (plus(force[0], twist, 1.0), plus(force[1], cross(motion[0], momentum[1]), 1.0)))
+    _put_body(room, k, body)
 
 
-@compiled
-def _weigh(numbers: Array, index: int, room: Array) -> None:
-    """The body of joint `index` about the base's origin; the room of the momentum takes its mass times centre along the base's axes for a while."""
-    k, h, b = index + 1, _MOMENTUM, _MASS + 4
-    own, square = numbers[index, _MASS], 0.0
-    room[k, _BODY] = own
-    for i in range(3):
-        total = 0.0
-        for j in range(3):
-            total += room[k, _TURN + 3 * i + j] * numbers[index, _MASS + 1 + j]
-        room[k, h + i] = total
-        room[k, _BODY + 1 + i] = total + own * room[k, _AT + i]
-        square += room[k, _AT + i] * (own * room[k, _AT + i] + 2 * total)
-    entry = _BODY + 4
-    for i in range(3):
-        t0, t1, t2 = room[k, _TURN + 3 * i], room[k, _TURN + 3 * i + 1], room[k, _TURN + 3 * i + 2]
-        a0 = t0 * numbers[index, b] + t1 * numbers[index, b + 1] + t2 * numbers[index, b + 2]
-        a1 = t0 * numbers[index, b + 1] + t1 * numbers[index, b + 3] + t2 * numbers[index, b + 4]
-        a2 = t0 * numbers[index, b + 2] + t1 * numbers[index, b + 4] + t2 * numbers[index, b + 5]
-        for j in range(i, 3):
-            total = a0 * room[k, _TURN + 3 * j] + a1 * room[k, _TURN + 3 * j + 1] + a2 * room[k, _TURN + 3 * j + 2]
-            here, there = room[k, _AT + i], room[k, _AT + j]
-            total -= own * here * there + here * room[k, h + j] + room[k, h + i] * there
-            room[k, entry] = total + square if i == j else total
-            entry += 1
+@inlined
+def _framed(numbers: Array, index: int, up: int, angle: float, room: Array) -> tuple[Matrix, Vector]:
+    """Rotation and origin of the frame of joint `index`, turned by `angle`, from those of the joint in row `up` that carries it."""
+    sine, rest, p = math.sin(angle), 1 - math.cos(angle), _PARTS
+    own = (
+        plus(plus(three(numbers, index, p), three(numbers, index, p + 9), sine), three(numbers, index, p + 18), rest),
+        plus(plus(three(numbers, index, p + 3), three(numbers, index, p + 12), sine), three(numbers, index, p + 21), rest),
+        plus(plus(three(numbers, index, p + 6), three(numbers, index, p + 15), sine), three(numbers, index, p + 24), rest),
+    )
+    carrier = three(room, up, _TURN), three(room, up, _TURN + 3), three(room, up, _TURN + 6)
+    at = plus(three(room, up, _AT), turned(carrier, three(numbers, index, _PLACE)), 1.0)
+    return (row_times(carrier[0], own), row_times(carrier[1], own), row_times(carrier[2], own)), at
+
+
+@inlined
+def _weighed(numbers: Array, index: int, turn: Matrix, at: Vector) -> Body:
+    """The body of joint `index`, whose frame is turned and lies as given, about the base's origin."""
+    mass, b = numbers[index, _MASS], _MASS + 4
+    # Mass times centre, from the joint's origin, along the base's axes.
+    lever = turned(turn, three(numbers, index, _MASS + 1))
+    (xx, xy, xz), (yy, yz, zz) = spatial(numbers, index, b)
+    own = (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+    rows = row_times(turn[0], own), row_times(turn[1], own), row_times(turn[2], own)
+    # What the inertia gains where its reference moves by `at`: at·(m at + 2 h) 1 - m at at' - at h' - h at'.
+    half = plus(lever, at, 0.5 * mass)
+    square = 2 * dot(at, half)
+    inertia = (
+        dot(rows[0], turn[0]) + square - 2 * at[0] * half[0],
+        dot(rows[0], turn[1]) - at[0] * half[1] - half[0] * at[1],
+        dot(rows[0], turn[2]) - at[0] * half[2] - half[0] * at[2],
+        dot(rows[1], turn[1]) + square - 2 * at[1] * half[1],
+        dot(rows[1], turn[2]) - at[1] * half[2] - half[1] * at[2],
+        dot(rows[2], turn[2]) + square - 2 * at[2] * half[2],
+    )
+    return mass, plus(lever, at, mass), inertia
+
+
+@inlined
+def _body(room: Array, k: int) -> Body:
+    first, second = spatial(room, k, _BODY + 4)
+    return room[k, _BODY], three(room, k, _BODY + 1), (first[0], first[1], first[2], second[0], second[1], second[2])
+
+
+@inlined
+def _put_body(room: Array, k: int, body: Body) -> None:
+    mass, moment, (xx, xy, xz, yy, yz, zz) = body
+    room[k, _BODY] = mass
+    put(room, k, _BODY + 1, moment)
+    put_spatial(room, k, _BODY + 4, ((xx, xy, xz), (yy, yz, zz)))
 
 
 @compiled
 def _push(pushes: Array, index: int, room: Array) -> None:
-    """Take a constant force off what the joint that carries its link asks for; the room of the momentum holds its arm and itself for a while."""
+    """Take a constant force off what the joint that carries its link asks for."""
     k = int(pushes[index, 0]) + 1
-    for i in range(3):
-        total = room[k, _AT + i]
-        for j in range(3):
-            total += room[k, _TURN + 3 * i + j] * pushes[index, 1 + j]
-        room[k, _MOMENTUM + i], room[k, _MOMENTUM + 3 + i] = total, pushes[index, 4 + i]
-        room[k, _FORCE + 3 + i] -= pushes[index, 4 + i]
-    _add_cross(room, k, _MOMENTUM, _MOMENTUM + 3, _FORCE, -1.0)
+    turn = three(room, k, _TURN), three(room, k, _TURN + 3), three(room, k, _TURN + 6)
+    at, force = plus(three(room, k, _AT), turned(turn, three(pushes, index, 1)), 1.0), three(pushes, index, 4)
+    asked = spatial(room, k, _FORCE)
+    put_spatial(room, k, _FORCE, (plus(asked[0], cross(at, force), -1.0), plus(asked[1], force, -1.0)))
 
 
-@compiled
+@inlined
 def _gather(whole: Indices, numbers: Array, room: Array, mass: Array, bias: Array) -> None:
     """Forces and bodies handed down from the outermost joint to the base, and what each joint sees of them."""
     for k in range(len(whole), 0, -1):
         column, up = whole[k - 1, 0], whole[k - 1, 1] + 1
-        _carry(room, k, _ALONG, _MOMENTUM)
-        # Joints on other branches share no entry.
-        for other in range(k - 1):
-            mass[column, whole[other, 0]] = mass[whole[other, 0], column] = 0.0
-        needed, other = 0.0, k
-        for i in range(6):
-            needed += room[k, _ALONG + i] * room[k, _FORCE + i]
-        bias[column] = needed
-        while other > 0:
+        along, force, body = spatial(room, k, _ALONG), spatial(room, k, _FORCE), _body(room, k)
+        moved = carried(body, along)
+        bias[column] = dot(along[0], force[0]) + dot(along[1], force[1])
+        mass[column, column] = dot(along[0], moved[0]) + dot(along[1], moved[1]) + numbers[k - 1, _ROTOR]
+        carrier = up
+        for other in range(k - 1, 0, -1):
+            # Joints on other branches share no entry.
             total = 0.0
-            for i in range(6):
-                total += room[other, _ALONG + i] * room[k, _MOMENTUM + i]
+            if other == carrier:
+                axis = spatial(room, other, _ALONG)
+                total = dot(axis[0], moved[0]) + dot(axis[1], moved[1])
+                carrier = whole[other - 1, 1] + 1
             mass[column, whole[other - 1, 0]] = mass[whole[other - 1, 0], column] = total
-            other = whole[other - 1, 1] + 1
-        mass[column, column] += numbers[k - 1, _ROTOR]
         if up > 0:
             for i in range(6):
                 room[up, _FORCE + i] += room[k, _FORCE + i]
@@ -275,7 +267,7 @@ def _gather(whole: Indices, numbers: Array, room: Array, mass: Array, bias: Arra
                 room[up, _BODY + i] += room[k, _BODY + i]
 
 
-@compiled
+@inlined
 def solve(matrix: Array, right: Array) -> None:
     """Solve for a symmetric, positive definite `matrix`, which becomes its lower Cholesky factor, and `right`, which becomes the solution."""
     n = len(right)
@@ -293,7 +285,7 @@ def solve(matrix: Array, right: Array) -> None:
     again(matrix, right)
 
 
-@compiled
+@inlined
 def again(factor: Array, right: Array) -> None:
     """Solve with the Cholesky factor that `solve` left."""
     n = len(right)
@@ -323,9 +315,10 @@ def hold(factor: Array, most: Array, speed: Array, answer: Array, spent: Array) 
     for i in range(n):
         spent[i] = 0.0
         largest = max(largest, abs(speed[i]))
-        for j in range(n):
-            answer[i, j] = 1.0 if i == j else 0.0
-        again(factor, answer[i])
+        if most[i] > 0.0:
+            for j in range(n):
+                answer[i, j] = 1.0 if i == j else 0.0
+            again(factor, answer[i])
     # Gauss and Seidel's sweeps to and fro.
     for sweep in range(SWEEPS):
         changed = 0.0
