@@ -190,6 +190,9 @@ class Trials:
         # A small gain from the best starting states is none if more is lost from those that are recorded; and none is that, where noise does not make the loss.
         if self.no_worse(rich, simple, within=least):
             return True
+        # What alone leaves nothing is better though more is lost where it starts from recorded states: those of a motor's side nobody records.
+        if self.is_clean(rich) and not self.is_clean(simple) and is_doubtless(self.problem, simple, rich):
+            return True
         return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
     def _explained(self, simple: Model, rich: Model) -> float:

@@ -117,6 +117,23 @@ def test_a_gain_in_windows_is_none_where_more_is_lost_as_exported(rig: Rig, floo
     assert notebook.is_better(simple, rich)
 
 
+@pytest.mark.parametrize(("left", "told"), [(0.9, True), (1.3, False)])
+def test_what_alone_leaves_nothing_in_windows_is_better_whatever_is_lost_as_exported(
+    rig: Rig, left: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An elastic drive, whose motor's side nobody records, left nothing where play left 1.9 times the noise, and missed 1.5 times as much from recorded states."""
+    asked = posed(rig, ViscousFriction("elbow", 0.2), seconds=3.0, noise=1e-3)
+    notebook = Trials(asked, [], nominal(asked), Workers(1), Clock(0.0, np.inf))
+    ((right, _),) = notebook.polished([[ViscousFriction("elbow", 0.2)]])
+    simple, rich = (replace(right, missed=np.full_like(right.missed, level), train=level, validation=level) for level in (1.9, left))
+    rich = replace(rich, fit=replace(rich.fit, effects=()))
+    errors = {simple.effects: 1.0, (): 1.5}
+    monkeypatch.setattr(notebook, "_exported", errors.__getitem__)
+    notebook._stepped, notebook._floor = 0.0, 0.6
+    assert notebook.is_better(simple, rich) == told
+    assert not notebook.is_better(rich, simple)
+
+
 def test_what_noise_may_make_of_recorded_states_is_no_loss(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """With loud sensors a late one, in the place of the late motor that was there, missed a sixth less."""
     asked = posed(rig, seconds=3.0, noise=1e-3)
