@@ -55,6 +55,7 @@ def test_the_error_that_is_told_is_that_of_fits(rig: Rig) -> None:
     assert told / 3 < max(fits) < 4 * told
 
 
+@pytest.mark.slow
 def test_excite_writes_commands_and_what_they_tell(
     rig: Rig, tmp_path: Path, in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]
 ) -> None:

@@ -60,6 +60,7 @@ def start(*arguments, **options):
     )
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_film_and_says_what_happened(tmp_path):
     arguments = ("--task", "broken_cheetah", "--policy", "random", "--seconds", 0.4, "--fps", 10, "--width", 160, "--height", 120)
     environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}

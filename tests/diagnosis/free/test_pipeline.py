@@ -34,6 +34,7 @@ def slippery(tossed: Tossed) -> tuple[Path, Diagnosis]:
     return folder, diagnose_files(folder / "rig.yaml", [str(folder / "toss_*.csv")], folder / "report", jobs=1, settings=QUICK)
 
 
+@pytest.mark.slow
 def test_slippery_ground_is_named(slippery: tuple[Path, Diagnosis]) -> None:
     _, found = slippery
     assert [(one.effect, one.target) for one in found.result.effects] == [("contact_friction", "brick")]
@@ -46,6 +47,7 @@ def test_slippery_ground_is_named(slippery: tuple[Path, Diagnosis]) -> None:
     assert {one.name for one in found.result.where[:2]} <= {"impact", "sliding"}
 
 
+@pytest.mark.slow
 def test_heights_that_are_not_measured_from_the_ground_are_refused(slippery: tuple[Path, Diagnosis], tmp_path: Path) -> None:
     folder, _ = slippery
     rig, table = read_rig(folder / "rig.yaml"), pd.read_csv(folder / "toss_00.csv")
@@ -55,6 +57,7 @@ def test_heights_that_are_not_measured_from_the_ground_are_refused(slippery: tup
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 def test_the_corrected_rig_is_a_rig_that_predicts_better(slippery: tuple[Path, Diagnosis]) -> None:
     folder, _ = slippery
     rigs = [read_rig(folder / "rig.yaml"), read_rig(folder / "report" / "corrected.yaml")]

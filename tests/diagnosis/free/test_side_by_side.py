@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.free.side_by_side import linearised, relinearised
@@ -15,6 +16,7 @@ from .conftest import Tossed
 from .test_windows import HIDDEN, measured
 
 
+@pytest.mark.slow
 def test_it_does_not_matter_in_how_many(tossed: Tossed) -> None:
     windows = windows_of(*measured(tossed(HIDDEN, tosses=3)), DEFAULT.free, 7)
     alone = windows.linearised().relinearised(HIDDEN, anew=True)

@@ -30,6 +30,7 @@ def changed(path, **changes):
     path.write_text(json.dumps({name: value for name, value in data.items() if name not in changes or value is not None}))
 
 
+@pytest.mark.slow
 def test_a_stored_result_is_what_it_says(result):
     assert faults(result) == []
     checks = measured_again(result)

@@ -25,6 +25,7 @@ def folder(tmp_path: Path, rod: str) -> Path:
     return made
 
 
+@pytest.mark.slow
 def test_a_folder_from_robot_file_to_verdict(
     folder: Path, record_rod: Callable[..., Path], in_process: Callable[..., tuple[int, str, str]], refused: Callable[..., str]
 ) -> None:
