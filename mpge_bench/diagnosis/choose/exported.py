@@ -46,6 +46,7 @@ class ExportedMisses:
         self._restarted = [RestartedRecording(problem.rig, one, problem.horizon, problem.settings, every=every) for one in recordings]
         judged = [np.arange(len(one.time))[with_a_past(one, problem.horizon, problem.settings.predict)] for one in recordings]
         self._judged = [np.setdiff1d(rows, one.left_out) for rows, one in zip(judged, self._restarted, strict=True)]
+        self._starts = [np.array([first for first, _ in stretches(one, problem.horizon)]) for one in recordings]
         self._joints = len(problem.rig.joints)
 
     def __call__(self, effects: Sequence[Effect]) -> list[Array] | None:
@@ -53,6 +54,15 @@ class ExportedMisses:
             return [one.error(effects)[rows] for one, rows in zip(self._restarted, self._judged, strict=True)]
         except UserError:
             return None
+
+    def by_stretch(self, effects: Sequence[Effect]) -> Array | None:
+        """The same as the root mean square of each stretch that predictions are made of, shape (stretches,)."""
+        found = self(effects)
+        if found is None:
+            return None
+        # Rows are in order, and stretches without any that is judged are none.
+        firsts = [np.unique(np.searchsorted(starts, rows, "right"), return_index=True)[1] for starts, rows in zip(self._starts, self._judged, strict=True)]
+        return np.concatenate([[float(np.sqrt(np.mean(part**2))) for part in np.split(one, at[1:])] for one, at in zip(found, firsts, strict=True)])
 
     def in_a_row(self, effects: Sequence[Effect]) -> Array | None:
         """The same as one vector whose sum of squares is the square of `exported_error`: every recording, and every joint, counts alike."""

@@ -7,7 +7,8 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import ExportedError, exported_error
+from mpge_bench.diagnosis.choose.exported import ExportedError, ExportedMisses, exported_error
+from mpge_bench.diagnosis.choose.score import fallen
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.parts import Parts
 from mpge_bench.diagnosis.fit.problem import Problem
@@ -30,7 +31,7 @@ from mpge_bench.envs.effects import Effect, UnknownTorque
 def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResult, tuple[Effect, ...]]:
     """The verdict on `choice`, with all that it rests on, and the effects that are reported."""
     error = exported_error(choice.problem, parts.unseen)
-    choice, taken_back = proven(choice, error)
+    choice, taken_back = proven(choice, error, ExportedMisses(choice.problem, parts.unseen))
     problem, chosen = choice.problem, choice.chosen
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
@@ -81,16 +82,24 @@ def _quiet(choice: Choice, fit: Accuracy, parts: Parts) -> tuple[str, ...]:
     return quiet_lines(chance(choice.test), is_chance, fit, stepped(choice.problem, parts.unseen), settings.verdict)
 
 
-def proven(choice: Choice, error: ExportedError) -> tuple[Choice, tuple[str, ...]]:
+def proven(choice: Choice, error: ExportedError, misses: ExportedMisses) -> tuple[Choice, tuple[str, ...]]:
     """`choice`, its answer taken back where it predicts what nobody has looked at clearly worse than the simulator without it; and a line that says so.
+
+    Clearly is by a share that means something, and by more than what differs from stretch to stretch.
 
     Args:
         error: of effects, on the held-out recordings.
+        misses: of these recordings.
     """
-    effects = choice.chosen.effects
+    effects, settings = choice.chosen.effects, choice.problem.settings
     before, after = error(()), error(effects)
-    if after <= (1 + choice.problem.settings.verdict.worse) * before:
+    if after <= (1 + settings.verdict.worse) * before:
         return choice, ()
+    without, beside = misses.by_stretch(()), misses.by_stretch(effects)
+    if without is not None and beside is not None:
+        share, spread = fallen(without, beside)
+        if -share <= settings.choose.errors * spread:
+            return choice, ()
     line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({after:.3g} against {before:.3g}), and is not reported."
     return replace(choice, chosen=choice.nominal, twins=()), (line,)
 
