@@ -235,6 +235,9 @@ class VerdictSettings:
     constant: float = setting(0.001, "probability", "times what was looked at, below which a parameter is said to change")
     changes: float = setting(0.25, "share of a parameter", "that it changes by at least, to be said to")
     worse: float = setting(0.05, "share of the error", "by which held-out recordings that hardly show what was found may be missed more, by chance")
+    moved: float = setting(
+        0.5, "share of what is missed of held-out recordings", "squared, by which what changes their predictions has to help: all right ones of 132 did"
+    )
     gap: float = setting(1.5, "row intervals", "a longer one is a gap")
     shown: float = setting(4.0, "s", "of a held-out recording that are drawn")
     rows: int = setting(3000, "rows", "of the residual force that are drawn")

@@ -6,8 +6,11 @@ import math
 from collections.abc import Collection
 from dataclasses import replace
 
+import numpy as np
+import numpy.typing as npt
+
 from mpge_bench.diagnosis.choose.choice import Choice
-from mpge_bench.diagnosis.choose.exported import ExportedError, ExportedMisses, exported_error
+from mpge_bench.diagnosis.choose.exported import ExportedMisses, exported_error
 from mpge_bench.diagnosis.choose.score import fallen
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.parts import Parts
@@ -27,11 +30,13 @@ from mpge_bench.diagnosis.verdict.words import chance, changing_lines, checks, q
 from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect, UnknownTorque
 
+Array = npt.NDArray[np.float64]
+
 
 def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResult, tuple[Effect, ...]]:
     """The verdict on `choice`, with all that it rests on, and the effects that are reported."""
     error = exported_error(choice.problem, parts.unseen)
-    choice, taken_back = proven(choice, error, ExportedMisses(choice.problem, parts.unseen))
+    choice, taken_back = proven(choice, ExportedMisses(choice.problem, parts.unseen))
     problem, chosen = choice.problem, choice.chosen
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
@@ -82,26 +87,36 @@ def _quiet(choice: Choice, fit: Accuracy, parts: Parts) -> tuple[str, ...]:
     return quiet_lines(chance(choice.test), is_chance, fit, stepped(choice.problem, parts.unseen), settings.verdict)
 
 
-def proven(choice: Choice, error: ExportedError, misses: ExportedMisses) -> tuple[Choice, tuple[str, ...]]:
+def proven(choice: Choice, misses: ExportedMisses) -> tuple[Choice, tuple[str, ...]]:
     """`choice`, its answer taken back where it predicts what nobody has looked at clearly worse than the simulator without it; and a line that says so.
 
-    Clearly is by a share that means something, and by more than what differs from stretch to stretch.
-
     Args:
-        error: of effects, on the held-out recordings.
-        misses: of these recordings.
+        misses: of the held-out recordings.
     """
-    effects, settings = choice.chosen.effects, choice.problem.settings
-    before, after = error(()), error(effects)
-    if after <= (1 + settings.verdict.worse) * before:
+    effects = choice.chosen.effects
+    before, after = misses.in_a_row(()), misses.in_a_row(effects)
+    if before is None or (after is not None and not _is_clearly_worse(choice, misses, before, after)):
         return choice, ()
-    without, beside = misses.by_stretch(()), misses.by_stretch(effects)
-    if without is not None and beside is not None:
-        share, spread = fallen(without, beside)
-        if -share <= settings.choose.errors * spread:
-            return choice, ()
-    line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({after:.3g} against {before:.3g}), and is not reported."
+    errors = f"{math.inf if after is None else np.linalg.norm(after):.3g} against {np.linalg.norm(before):.3g}"
+    line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({errors}), and is not reported."
     return replace(choice, chosen=choice.nominal, twins=()), (line,)
+
+
+def _is_clearly_worse(choice: Choice, misses: ExportedMisses, before: Array, after: Array) -> bool:
+    """Whether an answer that changes the held-out predictions by much does not help, or one that does not harms them beyond what stretches differ by.
+
+    Where what is right is added, what is missed falls by as much as predictions change, squares both.
+    """
+    settings, change = choice.problem.settings, after - before
+    if after @ after <= before @ before:
+        return False
+    if change @ change > settings.verdict.moved * (before @ before):
+        return True
+    without, beside = misses.by_stretch(()), misses.by_stretch(choice.chosen.effects)
+    if without is None or beside is None or after @ after <= (1 + settings.verdict.worse) ** 2 * (before @ before):
+        return False
+    share, spread = fallen(without, beside)
+    return -share > settings.choose.errors * spread
 
 
 def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> str:
