@@ -131,7 +131,9 @@ def _each_by_itself(trials: Trials, chosen: Model) -> Model:
         if len(more) < len(motors) - 1:
             continue
         others = [one for one in chosen.effects if one is not whole and one not in more.values()]
-        sums = [with_parameters(one, np.sum([parameters_of(part) for part in (one, more.get(one.target)) if part], 0).tolist()) for one in whole.each(motors)]
+        # What there is most of is said first.
+        each = sorted(whole.each(motors), key=lambda one: one.target not in more)
+        sums = [with_parameters(one, np.sum([parameters_of(part) for part in (one, more.get(one.target)) if part], 0).tolist()) for one in each]
         apart = trials.add(trials.to_the_end([*others, *sums]))
         if not trials.is_better(apart, chosen):
             return apart
