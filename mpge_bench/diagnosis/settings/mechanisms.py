@@ -236,7 +236,7 @@ class VerdictSettings:
     changes: float = setting(0.25, "share of a parameter", "that it changes by at least, to be said to")
     worse: float = setting(0.05, "share of the error", "by which held-out recordings that hardly show what was found may be missed more, by chance")
     moved: float = setting(
-        0.5, "share of what is missed of held-out recordings", "squared, by which what changes their predictions has to help: all right ones of 132 did"
+        0.5, "share of what is missed of held-out recordings", "squared, by which what changes their predictions has to help: 131 of 132 reported answers did"
     )
     gap: float = setting(1.5, "row intervals", "a longer one is a gap")
     shown: float = setting(4.0, "s", "of a held-out recording that are drawn")
