@@ -21,9 +21,7 @@ class DataSettings:
     degree_torque: float = setting(0.5, "share of the available torque", "in radians, angles must lack less than commands and gravity give")
     degree_excess: float = setting(5.0, "times", "angles as they are must lack clearly more torque than angles turned")
     degree_beyond: float = setting(3.0, "times", "and clearly more than commands and gravity give")
-    degree_resolved: float = setting(
-        0.25, "share of the accelerations", "that smoothing over half as many rows changes: beyond it, they are not known"
-    )
+    degree_resolved: float = setting(0.25, "share of the accelerations", "that smoothing over half as many rows changes: beyond it, they are not known")
     quotient: float = setting(1e-4, "share of the spread of dq", "a difference quotient agrees to rounding; a measurement does not")
     late: float = setting(0.003, "s", "a filter's or a clock's lag; less is within what rows of 5 ms tell")
     late_steps: float = setting(2.0, "physics steps", "simulators themselves are a step ahead or behind")
@@ -89,9 +87,7 @@ class HypothesisSettings:
     least_length: float = setting(0.02, "m", "the same of a link whose centre of mass lies on its joint")
     outermost: float = setting(0.002, "share", "of the rows at either end of a signal that have no knots of their own")
     step_error: tuple[float, float] = setting((-1.0, 3.0), "what halving the step changes", "halving removes half the error of a first-order integrator")
-    implicit_damping: tuple[float, float] = setting(
-        (-1.0, 1.0), "damping × step", "damping at the step's end acts like an inertia of damping × step"
-    )
+    implicit_damping: tuple[float, float] = setting((-1.0, 1.0), "damping × step", "damping at the step's end acts like an inertia of damping × step")
     friction_lead: tuple[float, float] = setting((-0.3, 1.3), "lead", "from PyBullet's turning point to MuJoCo's, and a little beyond either")
     motor_step: tuple[float, float] = setting((-1.0, 1.0), "physics steps", "when within a step a slow motor gets its command, and a late sensor its reading")
     descents: int = setting(20, "passes", "of coordinate descent over a handful of bounded unknowns")
