@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from mpge_bench.diagnosis.choose.score import idle, is_doubtless, means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of, with_parameters
+from mpge_bench.envs.effects.vector import total
 
 
 def simplest(trials: Trials) -> Model:
@@ -133,7 +131,7 @@ def _each_by_itself(trials: Trials, chosen: Model) -> Model:
         others = [one for one in chosen.effects if one is not whole and one not in more.values()]
         # What there is most of is said first.
         each = sorted(whole.each(motors), key=lambda one: one.target not in more)
-        sums = [with_parameters(one, np.sum([parameters_of(part) for part in (one, more.get(one.target)) if part], 0).tolist()) for one in each]
+        sums = [total([part for part in (one, more.get(one.target)) if part]) for one in each]
         apart = trials.add(trials.to_the_end([*others, *sums]))
         if not trials.is_better(apart, chosen):
             return apart

@@ -21,7 +21,7 @@ from mpge_bench.envs.effects import (
     ViscousFriction,
     effect_from_dict,
 )
-from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, with_parameters
+from mpge_bench.envs.effects.vector import neutrals_of, parameters_of, total
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import Layout
 from mpge_bench.envs.model import Model
@@ -109,7 +109,7 @@ class Rig:
         """What the rig itself says of the physics that `effect` is about: what it would correct."""
         alike = [own for own in self.nominal if effect.corrects(own)]
         if len(alike) > 1 and effect.adds:
-            return with_parameters(alike[0], np.sum([parameters_of(own) for own in alike], 0).tolist())
+            return total(alike)
         return alike[-1] if alike else None
 
     def absent(self, effects: Sequence[Effect]) -> npt.NDArray[np.float64]:

@@ -41,6 +41,11 @@ def put_spatial(rows: Array, k: int, at: int, vector: Spatial) -> None:
 
 
 @inlined
+def matrix(rows: Array, k: int, at: int) -> Matrix:
+    return three(rows, k, at), three(rows, k, at + 3), three(rows, k, at + 6)
+
+
+@inlined
 def dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -64,6 +69,12 @@ def turned(matrix: Matrix, vector: Vector) -> Vector:
 @inlined
 def row_times(row: Vector, matrix: Matrix) -> Vector:
     return plus(plus(plus((0.0, 0.0, 0.0), matrix[0], row[0]), matrix[1], row[1]), matrix[2], row[2])
+
+
+@inlined
+def together(a: Spatial, b: Spatial) -> float:
+    """Inner product, as a force's and a motion's is power."""
+    return dot(a[0], b[0]) + dot(a[1], b[1])
 
 
 @inlined

@@ -21,12 +21,14 @@ from mpge_bench.diagnosis.predict.fast.spatial import (
     carried,
     cross,
     dot,
+    matrix,
     plus,
     put,
     put_spatial,
     row_times,
     spatial,
     three,
+    together,
     turned,
 )
 from mpge_bench.envs.compiled import compiled, inlined
@@ -190,7 +192,7 @@ def _framed(numbers: Array, index: int, up: int, angle: float, room: Array) -> t
         plus(plus(three(numbers, index, p + 3), three(numbers, index, p + 12), sine), three(numbers, index, p + 21), rest),
         plus(plus(three(numbers, index, p + 6), three(numbers, index, p + 15), sine), three(numbers, index, p + 24), rest),
     )
-    carrier = three(room, up, _TURN), three(room, up, _TURN + 3), three(room, up, _TURN + 6)
+    carrier = matrix(room, up, _TURN)
     at = plus(three(room, up, _AT), turned(carrier, three(numbers, index, _PLACE)), 1.0)
     return (row_times(carrier[0], own), row_times(carrier[1], own), row_times(carrier[2], own)), at
 
@@ -236,7 +238,7 @@ def _put_body(room: Array, k: int, body: Body) -> None:
 def _push(pushes: Array, index: int, room: Array) -> None:
     """Take a constant force off what the joint that carries its link asks for."""
     k = int(pushes[index, 0]) + 1
-    turn = three(room, k, _TURN), three(room, k, _TURN + 3), three(room, k, _TURN + 6)
+    turn = matrix(room, k, _TURN)
     at, force = plus(three(room, k, _AT), turned(turn, three(pushes, index, 1)), 1.0), three(pushes, index, 4)
     asked = spatial(room, k, _FORCE)
     put_spatial(room, k, _FORCE, (plus(asked[0], cross(at, force), -1.0), plus(asked[1], force, -1.0)))
@@ -249,15 +251,15 @@ def _gather(whole: Indices, numbers: Array, room: Array, mass: Array, bias: Arra
         column, up = whole[k - 1, 0], whole[k - 1, 1] + 1
         along, force, body = spatial(room, k, _ALONG), spatial(room, k, _FORCE), _body(room, k)
         moved = carried(body, along)
-        bias[column] = dot(along[0], force[0]) + dot(along[1], force[1])
-        mass[column, column] = dot(along[0], moved[0]) + dot(along[1], moved[1]) + numbers[k - 1, _ROTOR]
+        bias[column] = together(along, force)
+        mass[column, column] = together(along, moved) + numbers[k - 1, _ROTOR]
         carrier = up
         for other in range(k - 1, 0, -1):
             # Joints on other branches share no entry.
             total = 0.0
             if other == carrier:
                 axis = spatial(room, other, _ALONG)
-                total = dot(axis[0], moved[0]) + dot(axis[1], moved[1])
+                total = together(axis, moved)
                 carrier = whole[other - 1, 1] + 1
             mass[column, whole[other - 1, 0]] = mass[whole[other - 1, 0], column] = total
         if up > 0:
