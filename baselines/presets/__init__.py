@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -81,7 +81,12 @@ def presets_of(name: str | Path | None) -> list[str]:
     Raises:
         UserError: if the file cannot be read.
     """
-    sections = [str(section) for data in _files(name) for section in data if section not in _NO_PRESETS]
+    return _named(_files(name))
+
+
+def _named(files: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The presets that the contents of `files` name, and `PRESETS`."""
+    sections = [str(section) for data in files for section in data if section not in _NO_PRESETS]
     return list(dict.fromkeys((*PRESETS, *sections)))
 
 
@@ -98,10 +103,11 @@ def load_preset(name: str | Path | None, preset: str, task: str = "") -> dict[st
     Raises:
         UserError: if there is no such preset, or the file cannot be read.
     """
-    if preset not in presets_of(name):
-        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(presets_of(name))}")
+    files = _files(name)
+    if preset not in _named(files):
+        raise UserError(f"unknown preset {preset!r}; choose one of: {', '.join(_named(files))}")
     base: dict[str, Any] = {}
-    for data in _files(name):
+    for data in files:
         for section in ("all", preset):
             for key in dict.fromkeys(("default", base_name(task), task)):
                 base = _merge(base, data.get(section, {}).get(key) or {})

@@ -26,7 +26,7 @@ TOO_LONG = ("lame_ant", "diagnose")
 #: Those that simulate the pair again and again.
 LONG = ("diagnose", "sysid")
 RUNS = [
-    pytest.param(task, method, marks=[pytest.mark.slow] if method in LONG and task != KINDS[1] else [])
+    pytest.param(task, method, marks=[pytest.mark.slow] if (method in LONG and task != KINDS[1]) or (task == KINDS[2] and method != EVERYWHERE) else [])
     for task in TASKS
     for method in methods()
     if (task in KINDS or method == EVERYWHERE) and (task, method) != TOO_LONG

@@ -20,7 +20,7 @@ from mutations import Payload, spoilt
 for _needed in ("mujoco", "rosbags", "minari"):
     pytest.importorskip(_needed)
 #: Of each kind; fewer where every one is read by several commands, or has to be packed.
-COUNT, FEW = 15, {"result": 3, "recording (Parquet)": 5, "transitions": 5}
+COUNT, FEW = 15, {"result": 3, "recording (Parquet)": 5, "transitions": 5, "LeRobot: frames": 5}
 
 
 @pytest.mark.parametrize("name", KINDS)

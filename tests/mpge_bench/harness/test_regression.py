@@ -75,7 +75,7 @@ def metrics(settings: RunSettings) -> dict[str, Any]:
     return {"figures": figures, "versions": result["versions"], "platform": here(), "references": result["references"]}
 
 
-@pytest.mark.parametrize("settings", RUNS, ids=name_of)
+@pytest.mark.parametrize("settings", [pytest.param(one, marks=[pytest.mark.slow] if one.method == "mpge" else []) for one in RUNS], ids=name_of)
 def test_metrics_are_what_they_were(settings: RunSettings) -> None:
     everywhere, found = json.loads(STORED.read_text())[name_of(settings)], json.loads(json.dumps(metrics(settings)))
     assert everywhere

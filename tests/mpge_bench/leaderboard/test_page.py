@@ -105,6 +105,7 @@ def test_the_command_updates_or_says_why_not(made, monkeypatch, few_resamples):
     assert "--update works in a checkout of the project" in str(refused.exception)
 
 
+@pytest.mark.slow
 def test_the_projects_page_is_what_its_results_say():
     """Else: python -m mpge_bench leaderboard --update."""
     for path, text in texts(collect(OWN.results), OWN).items():
