@@ -202,6 +202,8 @@ class Effect:
     varies: ClassVar[str] = ""
     #: True where it acts on nothing but what touches the robot.
     in_contact: ClassVar[bool] = False
+    #: The effect that it is where what it acts on is all that moves.
+    on_all_is: ClassVar[str] = ""
     #: True where two of them on one target are one with the sums of their parameters.
     adds: ClassVar[bool] = False
     #: Plainer effects that it contains, as Stribeck's friction contains Coulomb's: never beside it.

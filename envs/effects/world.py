@@ -79,6 +79,7 @@ class ExternalForce(Effect):
 
     name = "external_force"
     sentence = "A constant force of {vector} pulls at the {target}."
+    on_all_is = Gravity.name
     adds = True
     on = "link"
     parameters = {"vector": Parameter("N", -1e4, 1e4, size=3)}

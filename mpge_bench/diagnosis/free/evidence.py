@@ -14,7 +14,7 @@ from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
 from mpge_bench.diagnosis.transitions.evidence import Comparison, likeness
 from mpge_bench.diagnosis.transitions.fit import Rows
-from mpge_bench.diagnosis.transitions.screen import Columns
+from mpge_bench.diagnosis.transitions.screen import Columns, Refit
 from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
@@ -41,15 +41,18 @@ class Evidence:
         """What the rig misses of its `own` windows, shape (windows, entries)."""
         return self.own.residuals(self.effects, np.arange(len(self.own)))
 
-    def chance(self, missed: Array, columns: Iterable[Columns], rows: Rows) -> tuple[float, bool]:
+    def chance(self, missed: Array, columns: Iterable[Columns], rows: Rows, fitted: Array | None = None) -> tuple[float, bool]:
         """p of as much being `missed` of the target, shape (windows, entries), where nothing is missing, and whether it is but an upper bound.
 
         Args:
             columns: of the windows `rows`.
+            fitted: derivatives of the same windows by the parameters of what was found, shape (parameters, windows, entries): along these nothing is left.
         """
-        sizes = [abs(along(missed[rows], change, self.settings.free)) for one in columns for change in one.changes]
+        refit = Refit(fitted, np.sqrt(_weights(missed[rows], self.settings.free)))
+        sizes = [abs(along(missed[rows], refit.left_of(change), self.settings.free)) for one in columns for change in one.changes]
         least = self.settings.replay.certain  # so far out nobody knows the tails of noise
-        beyond = max(2 * len(sizes) * float(norm.sf(max(sizes) / self.settings.free.allowed)), least) if sizes else 1.0
+        allowed = self.settings.free.allowed if fitted is None else self.settings.free.allowed_beside
+        beyond = max(2 * len(sizes) * float(norm.sf(max(sizes) / allowed)), least) if sizes else 1.0
         p, is_bound = min(likeness(self.target, missed, self.own, self.of_own, self.settings.replay), (beyond, beyond == least))
         return min(2 * p, 1.0), is_bound
 
@@ -66,7 +69,7 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
 
     What is missed by far counts less, and so does a window whose change is far larger than the others', lest one of them decide; 0 where it shows in a few.
     """
-    weights = 1 / (1 + (missed / settings.outlying) ** 2)
+    weights = _weights(missed, settings)
     length = np.sqrt((change**2 * weights).sum(1))
     tells = length > settings.telling
     if tells.sum() < settings.shown:
@@ -74,3 +77,8 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
     each = (missed * change * weights).sum(1)[tells] / length[tells]
     share = length[tells] / np.hypot(length[tells], np.median(length[tells]))
     return float((each * share).sum() / np.linalg.norm(share))
+
+
+def _weights(missed: Array, settings: FreeSettings) -> Array:
+    """Less of what is `missed` by far, shaped as it is."""
+    return np.asarray(1 / (1 + (missed / settings.outlying) ** 2))

@@ -26,10 +26,7 @@ def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: S
     kinds = [kind for kind in CATALOGUE.values() if not kind.is_formula and (rig.robot or not kind.asks_states)]
     # A benchmark robot's other joints are its root, which no joint is.
     joints = rig.driven if rig.robot else rig.joints
-    found = listed(kinds, rig.driven, joints, moved_links(rig.model), _scales(simulator, recordings, motions, settings))
-    if len(set(rig.model.touching()) & set(moved_links(rig.model))) == 1:
-        # All that touches is that one.
-        found = [one for one in found if not (one.kind.in_contact and one.targets == ("*",))]
+    found = listed(kinds, rig.driven, joints, moved_links(rig.model), _scales(simulator, recordings, motions, settings), rig.model.touching())
     return [replace(one, absent=tuple(rig.absent(one.starts[:1]))) if rig.own(one.starts[0]) else one for one in found]
 
 

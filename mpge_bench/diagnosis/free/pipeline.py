@@ -30,7 +30,7 @@ from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer, plainness_of
-from mpge_bench.diagnosis.transitions.fit import Model, model_of
+from mpge_bench.diagnosis.transitions.fit import Model, chance_of, model_of, nats_of
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
 
@@ -87,7 +87,7 @@ def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings
     """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
     free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
     own = {name: getattr(free, name) for name in (*names, "material", "equal", "faint", "standing_for", "jump")}
-    search = replace(settings.replay, block=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
+    search = replace(settings.replay, block=1, stretch=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
     search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
     return replace(settings, replay=replace(search, **own))
 
@@ -101,15 +101,18 @@ def _choosing(windows: Windows, settings: DiagnosisSettings) -> npt.NDArray[np.b
 
 
 def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> Answer:
-    """`answer` with, of the best models, the one that describes `windows` best, to which none was fitted; its own where that is as good."""
+    """`answer` with, of the best models, the one that describes `windows` best, to which none was fitted; its own where that is as good but for chance."""
     if not answer.chosen.hypotheses:
         return answer
+    replay, every = settings.replay, np.arange(len(windows))
     best = sorted(answer.models, key=lambda one: one.description)[: settings.free.judged]
-    every = np.arange(len(windows))
     models = [answer.chosen, answer.nominal, *(one for one in best if one.key not in (answer.chosen.key, answer.nominal.key))]
-    told = [model_of(windows, one.hypotheses, one.values, every, settings.replay).description for one in models]
+    judged = [model_of(windows, one.hypotheses, one.values, every, replay) for one in models]
+    # Parameters have no price in windows that they were not fitted to.
+    told = [float(nats_of(one.residuals, replay).mean()) for one in judged]
     first = int(np.argmin(told))
-    return answer if told[0] - told[first] < settings.replay.equal else replace(answer, chosen=models[first], equals=())
+    least = max(replay.equal, replay.beyond_chance * chance_of(judged[0], judged[first], replay))
+    return answer if told[0] - told[first] < least else replace(answer, chosen=models[first], equals=())
 
 
 def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[Answer, Model]:

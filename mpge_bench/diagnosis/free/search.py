@@ -13,8 +13,9 @@ from mpge_bench.diagnosis.free.side_by_side import relinearised
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import Comparison
-from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, model_of, standard_errors
+from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, model_of, slopes_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.screen import Refit, refit_of
 
 _log = logging.getLogger(__name__)
 
@@ -26,6 +27,11 @@ class FreeSearch(Search):
     evidence: Evidence = field(kw_only=True)
     #: That windows are linearised about.
     last: Model | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # What starts take up for the most part lags behind in drafts.
+        self.ahead = self.settings.polished if self.is_smooth else 1
 
     def compared(self) -> Comparison:
         """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
@@ -50,6 +56,13 @@ class FreeSearch(Search):
         """See `Search`; with long steps."""
         coarse = replay.coarser()
         super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
+
+    def refit(self, replay: Predictor, model: Model, rows: Rows) -> Refit:
+        """See `Search`; where windows are smooth all that is changed is in proportion."""
+        if not self.is_smooth:
+            return super().refit(replay, model, rows)
+        none = np.zeros((0, *model.residuals.shape))
+        return refit_of(model, slopes_of(replay, model, model.residuals, rows, self.settings) if model.hypotheses else none, self.settings)
 
     @property
     def windows(self) -> Windows:
@@ -78,6 +91,8 @@ class FreeSearch(Search):
         for one in rivals:
             if not self.late("fitting hypotheses"):
                 self.add(self.fitted(one.hypotheses, one.values))
+        # What is left is told by what effects change beside this: what rests on level ground does not show how soft that is as what slides does.
+        self.forget()
         return found
 
     def begun(self) -> Model:
@@ -112,7 +127,8 @@ class FreeSearch(Search):
         missed = self.replay.residuals(model.effects, self.every)
 
         def is_told() -> bool:
-            return self.evidence.chance(missed, self.columns.values(), self.glance)[0] < self.settings.leftover
+            fitted = slopes_of(self.replay, model, missed[self.glance], self.glance, self.settings) if model.hypotheses else None
+            return self.evidence.chance(missed, self.columns.values(), self.glance, fitted)[0] < self.settings.leftover
 
         if is_told() or self.columns or self.late("looking for effects"):
             return is_told()

@@ -43,7 +43,8 @@ def _drafted(
     options = [other for other in search.hypotheses if other.key not in chosen.key and other not in more]
     known: list[Columns] = search.each(columns_of, (replay, before, search.glance), options)  # type: ignore[assignment]
     least = settings.standing_for * share_of(whole, before, settings)
-    looks = sorted((told for told in (look(before, columns, settings) for columns in known) if told.gain > least), key=lambda told: -told.gain)
+    refit = search.refit(replay, before, search.glance)
+    looks = sorted((told for told in (look(before, columns, settings, refit) for columns in known) if told.gain > least), key=lambda told: -told.gain)
     tried: list[Look] = [told for plain in (True, False) for told in [other for other in looks if (other.hypotheses[0].size == 1) is plain][: settings.tried]]
     shared = (replay, model_of(replay, *others, search.few, settings), search.few, settings, settings.iterations)
     drafts: list[Model] = search.each(fitted_beside, shared, [(told.hypotheses, told.start) for told in tried])  # type: ignore[assignment]

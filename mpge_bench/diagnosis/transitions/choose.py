@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted,
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.many import usual_differences
 from mpge_bench.diagnosis.transitions.replay import Replay
-from mpge_bench.diagnosis.transitions.screen import Columns, Look, columns_of, look, looked_again, share_of, together
+from mpge_bench.diagnosis.transitions.screen import Columns, Look, Refit, columns_of, look, looked_again, refit_of, share_of, together
 from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
 
 Array = npt.NDArray[np.float64]
@@ -55,6 +55,8 @@ class Search(Trials):
     shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
     #: A model to go on from, which was found elsewhere.
     found: Model | None = None
+    #: How many drafts of a round are fitted further.
+    ahead: int = 1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -157,20 +159,25 @@ class Search(Trials):
         columns: list[Columns] = self.each(columns_of, (replay, model, self.glance), hypotheses)  # type: ignore[assignment]
         self.columns.update({one.hypothesis.key: one for one in columns})
 
+    def refit(self, replay: Predictor, model: Model, rows: Rows) -> Refit:
+        """What the parameters of `model` make up for in a look at the `rows`: nothing where contacts bend what they change."""
+        return refit_of(model, None, self.settings)
+
     def looks(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Look]:
         """Those of `hypotheses` that promise most beside `model`, by themselves or several of a kind together."""
         settings, known = self.settings, self.columns
         glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
         self.know(replay, glance, [one for one in hypotheses if one.key not in known])
         left = [known[one.key] for one in hypotheses if one.key in known and one.key not in model.key]
-        found = [look(glance, one, settings) for one in left]
+        refit = self.refit(replay, glance, self.glance)
+        found = [look(glance, one, settings, refit) for one in left]
         # Several parameters on each of several things say anything.
         plain = [one for one in left if one.hypothesis.is_single and one.hypothesis.size == 1]
         for kind in dict.fromkeys(one.hypothesis.kind for one in plain):
-            several = together(glance, [one for one in plain if one.hypothesis.kind is kind], settings)
+            several = together(glance, [one for one in plain if one.hypothesis.kind is kind], settings, refit)
             found += [several] if several else []
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
-        again: list[Look] = self.each(looked_again, (replay, few, self.few, settings), found)  # type: ignore[assignment]
+        again: list[Look] = self.each(looked_again, (replay, few, self.few, settings, self.refit(replay, few, self.few)), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
         _log.debug("looks %s", [(one.label, round(one.gain, 3)) for one in again])
@@ -199,8 +206,10 @@ class Search(Trials):
             found += self.each(_fitted, (replay, self.few, settings, settings.iterations), begun[: settings.followed])  # type: ignore[arg-type]
             found.sort(key=lambda one: one.description)
             # What is exact in the end need not be after these iterations.
-            found[:1] = self.each(_fitted, (replay, self.few, settings, settings.iterations_polish), found[:1])  # type: ignore[assignment]
-            found[:1] = [self.finished(one, replay, self.few) for one in found[:1]]
+            ahead = slice(self.ahead)
+            found[ahead] = self.each(_fitted, (replay, self.few, settings, settings.iterations_polish), found[ahead])  # type: ignore[assignment]
+            found[ahead] = [self.finished(one, replay, self.few) for one in found[ahead]]
+            found.sort(key=lambda one: one.description)
             if found and not self.is_lacking(found[0], settings.exact_draft):
                 break
         return found
@@ -254,7 +263,8 @@ class Search(Trials):
         replay = self.drafted(self.models[frozenset()])
         nominal, whole = (model_of(replay, one.hypotheses, one.values, self.glance, self.settings) for one in (self.models[frozenset()], model))
         columns = [one for one in self.columns.values() if one.hypothesis.size < model.size and blamed & set(one.hypothesis.targets)]
-        known = [look(nominal, one, self.settings) for one in columns]
+        refit = self.refit(replay, nominal, self.glance)
+        known = [look(nominal, one, self.settings, refit) for one in columns]
         least = max(
             self.settings.promising * max((one.gain for one in known), default=0.0), self.settings.standing_for * share_of(whole, nominal, self.settings)
         )

@@ -301,6 +301,13 @@ def smooth(slopes: Array, settings: ReplaySettings) -> Array:
     return np.asarray(np.all(size <= np.maximum(settings.jump * usual, settings.faint), axis=(0, 2)), float)[:, None]
 
 
+def slopes_of(replay: Predictor, model: Model, residuals: Array, rows: Rows, settings: ReplaySettings) -> Array:
+    """Derivatives of the predictions of `rows` by each parameter of `model`, which leaves `residuals` of them, each in its own unit, shape (parameters, rows,
+    entries)."""
+    whole = Parameters(replay, model.hypotheses, rows)
+    return whole.slopes(residuals, whole.vector(model.values), whole.unit(model.values), settings.difference)
+
+
 def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings) -> Array:
     """Of all parameters of `model`, shape (parameters,), from how the fit moves without each block of rows; infinite where no two blocks tell one.
 
@@ -309,9 +316,8 @@ def standard_errors(replay: Predictor, model: Model, rows: Rows, settings: Repla
     """
     if not model.size:
         return np.zeros(0)
-    whole = Parameters(replay, model.hypotheses, rows)
-    residuals, unit = model.residuals, whole.unit(model.values)
-    slopes = whole.slopes(residuals, whole.vector(model.values), unit, settings.difference)
+    residuals, unit = model.residuals, Parameters(replay, model.hypotheses, rows).unit(model.values)
+    slopes = slopes_of(replay, model, residuals, rows, settings)
     weights = _weights(slopes, residuals, settings)
     block = np.arange(len(rows)) // settings.block
     shares, scores = np.zeros((block[-1] + 1, len(unit), len(unit))), np.zeros((block[-1] + 1, len(unit)))

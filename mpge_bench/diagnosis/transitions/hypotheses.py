@@ -75,7 +75,6 @@ class Hypothesis:
         one = with_parameters(self.starts[0], [float(value) for value in values])
         return [replace(one, target=target) for target in self.targets]
 
-
     def is_plausible(self, values: Sequence[float]) -> bool:
         """Whether parameters are of a size that means something, on each target."""
         scale = self.scale
@@ -104,24 +103,30 @@ def hypotheses(robot: Robot, episodes: Episodes, settings: ReplaySettings) -> li
     """All that are looked for in transitions of `robot`."""
     model, joints = robot.load(), tuple(joint for joint in robot.joints if joint not in robot.auxiliary)
     kinds = [kind for kind in CATALOGUE.values() if not kind.is_formula]
-    return listed(kinds, tuple(robot.actuators), joints, moved_links(model), _scales(robot, model, episodes, settings))
+    return listed(kinds, tuple(robot.actuators), joints, moved_links(model), _scales(robot, model, episodes, settings), model.touching())
 
 
-def listed(kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Scales) -> list[Hypothesis]:
+def listed(
+    kinds: Iterable[type[Effect]], driven: Sequence[str], joints: Sequence[str], links: Sequence[str], scales: Scales, touching: Sequence[str] = ()
+) -> list[Hypothesis]:
     """Effects of these kinds on each thing that they could act on, and on all its like.
 
     Args:
         driven: joints with a motor.
+        touching: links that may touch something.
     """
-    found = []
+    found, all_that_touches = [], set(touching) & set(links)
     for kind in kinds:
+        if kind.on == "link" and kind.on_all_is and len(links) == 1:
+            continue
         groups: dict[str, list[tuple[str, ...]]] = {
             "joint": _and_all(driven if kind.needs_motor else joints),
             "sensor": _and_all(joints),
             "link": [(one,) for one in links],
         }
         # A place or a direction in each link's own frame is the same on all of no robot.
-        if kind.on == "link" and len(links) > 1 and (kind.takes_all or all(one.unit == "1" for one in kind.parameters.values())):
+        several = len(all_that_touches if kind.in_contact else links) > 1
+        if kind.on == "link" and several and (kind.takes_all or all(one.unit == "1" for one in kind.parameters.values())):
             groups["link"].append(("*",) if kind.takes_all else tuple(links))
         for targets in groups.get(kind.on, [("world",)]):
             scale = scales.of(kind.on, targets[0])

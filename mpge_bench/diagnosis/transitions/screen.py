@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, effects_of, scales_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
@@ -55,6 +56,39 @@ class Look:
         return " + ".join(one.label for one in self.hypotheses)
 
 
+class Refit:
+    """What the parameters of a model, fitted anew, make up for of what something else beside it changes.
+
+    Args:
+        slopes: derivatives of the predictions by them, shape (parameters, rows, entries); None where nothing is in proportion, and they stay as they are.
+        weights: of residuals, shape (rows, entries).
+    """
+
+    def __init__(self, slopes: Array | None, weights: Array) -> None:
+        self._weights, self._in_proportion = weights, slopes is not None
+        self._basis = None if slopes is None or not len(slopes) else spanned(unit_length((slopes * weights).reshape(len(slopes), -1)))
+
+    def left_of(self, changes: Array) -> Array:
+        """What is left of `changes`, shape (..., rows, entries)."""
+        if self._basis is None:
+            return changes
+        flat = (changes * self._weights).reshape(*changes.shape[:-2], -1)
+        return np.asarray(without(flat, self._basis).reshape(changes.shape) / self._weights)
+
+    def part_of(self, change: Array, residuals: Array) -> Array:
+        """As much of `change`, all of it at most, as lowers `residuals` most, both shaped (rows, entries): a start of what has no size may be too much."""
+        if not self._in_proportion:
+            return change
+        weighted = change * self._weights
+        share = float((residuals * self._weights * weighted).sum() / max(float((weighted**2).sum()), 1e-18))
+        return float(np.clip(share, 0.0, 1.0)) * change
+
+
+def refit_of(model: Model, slopes: Array | None, settings: ReplaySettings) -> Refit:
+    """That of `model`, whose residuals are those of the rows of `slopes`."""
+    return Refit(slopes, _weights(model.residuals, settings))
+
+
 def columns_of(replay: Predictor, model: Model, rows: Rows, hypothesis: Hypothesis) -> Columns:
     """Those of `hypothesis` beside `model`, whose residuals are those of `rows`."""
     starts = [tuple(parameters_of(one)) for one in hypothesis.starts]
@@ -62,19 +96,19 @@ def columns_of(replay: Predictor, model: Model, rows: Rows, hypothesis: Hypothes
     return Columns(hypothesis, np.array(starts), np.array([model.residuals - one for one in left]))
 
 
-def look(model: Model, known: Columns, settings: ReplaySettings) -> Look:
+def look(model: Model, known: Columns, settings: ReplaySettings, refit: Refit) -> Look:
     """What `known` could explain of the residuals of `model`: by the best of its starts or, in proportion, by their best sum."""
-    other, found = _guess(model, known, settings)
+    other, found = _guess(model, known, settings, refit)
     return Look((known.hypothesis,), found.gain, (found.values,), (other.values,))
 
 
-def together(model: Model, known: Sequence[Columns], settings: ReplaySettings) -> Look | None:
+def together(model: Model, known: Sequence[Columns], settings: ReplaySettings, refit: Refit) -> Look | None:
     """What several of the hypotheses `known`, all of one kind, could explain together, each in proportion; None where no two of them do more than one.
 
     They are taken in one after another, each time that which lowers what is left most (orthogonal matching pursuit, Pati et al. 1993).
     """
     known = [one for one in known if one.hypothesis.absent is not None]
-    guesses = [_guess(model, one, settings) for one in known]
+    guesses = [_guess(model, one, settings, refit) for one in known]
     weights = _weights(model.residuals, settings)
     own, columns = (model.residuals * weights).ravel(), np.array([(found.change * weights).ravel() for _, found in guesses])
     taken: list[int] = []
@@ -104,14 +138,15 @@ class _Guess:
     change: Array
 
 
-def _guess(model: Model, known: Columns, settings: ReplaySettings) -> tuple[_Guess, _Guess]:
+def _guess(model: Model, known: Columns, settings: ReplaySettings, refit: Refit) -> tuple[_Guess, _Guess]:
     """The best of the starts of `known`, and that or, in proportion, their best sum beside `model`, whichever promises more."""
     residuals, hypothesis, starts = model.residuals, known.hypothesis, known.starts
     scale, weights = _scale(residuals, settings), _weights(residuals, settings)
-    costs = [_share(residuals, residuals - change, scale) for change in known.changes]
+    changes = refit.left_of(known.changes)
+    costs = [_share(residuals, residuals - refit.part_of(change, residuals), scale) for change in changes]
     best = int(np.argmax(costs))
-    other = _Guess(costs[best], tuple(starts[best].tolist()), known.changes[best])
-    columns, own = (known.changes * weights).reshape(len(starts), -1), (residuals * weights).ravel()
+    other = _Guess(costs[best], tuple(starts[best].tolist()), changes[best])
+    columns, own = (changes * weights).reshape(len(starts), -1), (residuals * weights).ravel()
     length = np.linalg.norm(columns, axis=1)
     alive = length > 1e-9
     if hypothesis.absent is None or not alive.any() or not own.any():
@@ -132,15 +167,16 @@ def _guess(model: Model, known: Columns, settings: ReplaySettings) -> tuple[_Gue
     if gain <= other.gain:
         return other, other
     values = tuple(np.clip(absent + shares @ moves, *hypothesis.bounds).tolist())
-    return other, _Guess(gain, values, np.tensordot(shares, known.changes, 1))
+    return other, _Guess(gain, values, np.tensordot(shares, changes, 1))
 
 
-def looked_again(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, look: Look) -> Look:
+def looked_again(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, refit: Refit, look: Look) -> Look:
     """`look` with the gain that its start really brings, or one several times as far on, or the best of the hypotheses' own starts."""
     scale = _scale(model.residuals, settings)
 
     def gain(start: Values) -> float:
-        return _share(model.residuals, replay.residuals(effects_of([*model.hypotheses, *look.hypotheses], [*model.values, *start]), rows), scale)
+        left = replay.residuals(effects_of([*model.hypotheses, *look.hypotheses], [*model.values, *start]), rows)
+        return _share(model.residuals, model.residuals - refit.part_of(refit.left_of(model.residuals - left), model.residuals), scale)
 
     starts = dict.fromkeys((look.start, look.other, *_further(look, settings)))
     gains = {start: gain(start) for start in starts}

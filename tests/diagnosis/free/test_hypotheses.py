@@ -35,7 +35,14 @@ def test_no_start_is_absent(found: dict[str, Hypothesis]) -> None:
 def test_one_body_that_falls_and_has_no_shape_has_a_size(tossed: Tossed) -> None:
     """It was a division by zero."""
     simulator, recordings, motions, _ = measured(tossed(tosses=2, ground=None))
-    assert {"external_force:brick", "gravity:world"} <= {one.label for one in hypotheses(simulator, recordings, motions, DEFAULT)}
+    assert {"com_offset:brick", "gravity:world"} <= {one.label for one in hypotheses(simulator, recordings, motions, DEFAULT)}
+
+
+def test_a_force_on_all_that_moves_is_gravity(tossed: Tossed, found: dict[str, Hypothesis]) -> None:
+    """A base that is tilted was called a force on the ball."""
+    simulator, recordings, motions, _ = measured(tossed(tosses=2))
+    assert not any(one.kind.name == "external_force" for one in hypotheses(simulator, recordings, motions, DEFAULT))
+    assert any(one.kind.name == "external_force" for one in found.values())
 
 
 def test_places_and_directions_in_frames_of_their_own_are_not_alike_on_all_links(found: dict[str, Hypothesis]) -> None:

@@ -12,20 +12,22 @@ import pytest
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.recording import errors
 from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.free import pipeline
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files, simulated
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings, ReplaySettings
+from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import likeness
-from mpge_bench.envs.effects import ContactFriction
+from mpge_bench.diagnosis.transitions.fit import Model
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.envs.effects import ContactFriction, Gravity
 from mpge_bench.envs.errors import UserError
 
 from .conftest import Tossed
 from .test_windows import made
 
 #: Fewer windows than by default, and one effect at most, lest a test take minutes.
-QUICK = DiagnosisSettings(
-    replay=ReplaySettings(most=1), free=FreeSettings(few=16, windows=32, unseen_windows=12, tried=1, checked=3, polished=1)
-)
+QUICK = DiagnosisSettings(replay=ReplaySettings(most=1), free=FreeSettings(few=16, windows=32, unseen_windows=12, tried=1, checked=3, polished=1))
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +76,20 @@ def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path
     assert found.result.verdict == "no_mismatch"
     assert found.result.p_value > DEFAULT.choose.significance
     assert not found.effects
+
+
+@pytest.mark.parametrize("better", [[0.3, 0.3, -0.5], [0.3, 0.3, 0.3]])
+def test_windows_that_models_are_chosen_by_decide_beyond_chance(better: list[float], tossed: Tossed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three of them one took back gravity that is tilted, though the others were for it."""
+    windows = made(tossed(tosses=4))
+    settings = dataclasses.replace(DEFAULT, replay=dataclasses.replace(DEFAULT.replay, stretch=1))
+    found = Hypothesis(("world",), (Gravity("world", (0.3, 0.0, -9.81)),), (0.0, 0.0, -9.81))
+    without = np.tile([1.0, -1.0], (3, 5))
+    left = without * np.exp(np.array(better))[:, None]
+    nominal, chosen = Model((), (), without, 0.0), Model((found,), ((0.1, 0.0, -9.81),), left, -1.0)
+    monkeypatch.setattr(pipeline, "model_of", lambda _, hypotheses, *rest: chosen if hypotheses else nominal)
+    answer = pipeline.chosen_by(windows, Answer(nominal, chosen, (nominal, chosen), (), np.arange(3), ()), settings)
+    assert answer.chosen is (nominal if min(better) > 0 else chosen)
 
 
 def test_much_that_is_missed_in_no_direction_of_its_own_is_a_mismatch(tossed: Tossed) -> None:

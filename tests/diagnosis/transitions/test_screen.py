@@ -8,7 +8,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.fit import Model, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
-from mpge_bench.diagnosis.transitions.screen import Columns, columns_of, look, looked_again, together
+from mpge_bench.diagnosis.transitions.screen import Columns, columns_of, look, looked_again, refit_of, together
 from mpge_bench.envs import get_task
 from mpge_bench.envs.effects import TorqueGain
 from mpge_bench.unmask import drawn
@@ -21,8 +21,8 @@ def test_a_second_look_sees_a_mismatch_that_is_many_times_as_large_as_the_first_
     found = Replay(task.robot, drawn(task, 120, 0.01, 0)[0], SETTINGS.settle, SETTINGS.worst)
     heavy = next(one for one in hypotheses(task.robot, found.episodes, SETTINGS) if one.key == ("mass_scale", ("torso",)))
     nominal = model_of(found, (), (), rows, SETTINGS)
-    first = look(nominal, columns_of(found, nominal, rows, heavy), SETTINGS)
-    second = looked_again(found, nominal, rows, SETTINGS, first)
+    first = look(nominal, columns_of(found, nominal, rows, heavy), SETTINGS, refit_of(nominal, None, SETTINGS))
+    second = looked_again(found, nominal, rows, SETTINGS, refit_of(nominal, None, SETTINGS), first)
     assert second.gain > first.gain + 0.1
     assert second.start[0][0] > 1.5
 
@@ -35,7 +35,7 @@ def test_together_takes_in_what_explains_more_and_nothing_else() -> None:
     gains = [Hypothesis((joint,), (TorqueGain(joint, 0.9),), (1.0,)) for joint in "abc"]
     known = [Columns(one, np.array([[0.9]]), change[None]) for one, change in zip(gains, changes, strict=True)]
     model = Model((), (), residuals, 0.0)
-    found = together(model, known, SETTINGS)
+    found = together(model, known, SETTINGS, refit_of(model, None, SETTINGS))
     assert found is not None
     assert found.label == "torque_gain:a + torque_gain:b"
     assert found.gain > 0.99
