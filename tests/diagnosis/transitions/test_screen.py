@@ -40,4 +40,5 @@ def test_together_takes_in_what_explains_more_and_nothing_else() -> None:
     assert found.label == "torque_gain:a + torque_gain:b"
     assert found.gain > 0.99
     np.testing.assert_allclose(found.start, [(0.8,), (1.1,)], atol=1e-3)
-    assert together(Model((), (), 2.0 * changes[0], 0.0), known, SETTINGS) is None
+    plain = Model((), (), 2.0 * changes[0], 0.0)
+    assert together(plain, known, SETTINGS, refit_of(plain, None, SETTINGS)) is None
