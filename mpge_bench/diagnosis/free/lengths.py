@@ -65,6 +65,9 @@ def longest(
     def own(windows: Windows, seed: int) -> Windows:
         return linearised(workers, windows.imagined(seed, effects), effects)
 
+    def repeats(windows: Windows) -> npt.NDArray[np.bool_]:
+        return _missed(windows.imagined(0, effects).sought(effects), effects) < free.repeated
+
     free, shortened = settings.free, False
     looking, shortest = clock.within(free.looking), min(free.longer)
     rows = min(len(one.time) for one in recordings) - 1
@@ -75,7 +78,7 @@ def longest(
         longer = stretched(settings, rows // pieces * simulator.period)
         # A few tell whether it is worth while to look at all.
         some = cut(longer, longer.windows if longer.windows <= 2 * free.repeats else free.repeats)
-        repeated = _missed(own(some, 0), effects) < free.repeated
+        repeated = repeats(some)
         if repeated.mean() < free.enough:
             continue
         if times > shortest and _is_far(some, effects, free):
@@ -83,7 +86,7 @@ def longest(
             continue
         if len(some) < longer.windows:
             some = cut(longer, longer.windows)
-            repeated = _missed(own(some, 0), effects) < free.repeated
+            repeated = repeats(some)
         kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.

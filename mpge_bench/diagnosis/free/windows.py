@@ -155,6 +155,13 @@ class Windows:
             found = found._differenced(found._missed_from(found.shift, effects, every), effects, central)
         return found
 
+    def sought(self, effects: Sequence[Effect] = ()) -> Windows:
+        """The same windows from the likeliest starts to which the derivatives that they have lead: those of `imagined` ones are of where they really began."""
+        found, every = self, np.arange(len(self))
+        for _ in range(self.settings.sought):
+            found = replace(found, shift=found._stepped(found._missed_from(found.shift, effects, every)))
+        return found
+
     def relinearised(self, effects: Sequence[Effect], *, anew: bool = False) -> Windows:
         """The same windows linearised about what starts change beside `effects`, but for those of which more is missed from there: they jump.
 
@@ -184,10 +191,7 @@ class Windows:
 
         By differences as wide as the starts' spread, to one side or both: narrower ones would see the jerks of single contacts.
         """
-        every, coarse = np.arange(len(self)), self.coarser()
-        # No start lies farther from what was recorded of it: what would go there is a mismatch, from where no answer to it finds back.
-        most = self.settings.likely * self.spread
-        shift = np.clip(self.shift + self._likelier(np.nan_to_num(missed), every), -most, most)
+        every, coarse, shift = np.arange(len(self)), self.coarser(), self._stepped(missed)
 
         def beside(step: Array) -> Array:
             return coarse._missed_from(shift + step, effects, every)
@@ -201,10 +205,17 @@ class Windows:
             slopes[..., direction] = (behind - beside(step)) / ((2 if central else 1) * self.spread[:, direction, None])
         return replace(self, shift=shift, slopes=np.nan_to_num(slopes))
 
+    def _stepped(self, missed: Array) -> Array:
+        """A step on from the starts at `shift`, which miss `missed`, shape (windows, 2 nv)."""
+        # No start lies farther from what was recorded of it: what would go there is a mismatch, from where no answer to it finds back.
+        most = self.settings.likely * self.spread
+        return np.clip(self.shift + self._likelier(np.nan_to_num(missed), np.arange(len(self))), -most, most)
+
     def imagined(self, seed: int, effects: Sequence[Effect] = ()) -> Windows:
         """The same windows as the rig itself, or with `effects`, would make them, measured with the same noise: what nothing looks like.
 
-        They are to be linearised about their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts.
+        They are to be linearised about their own likeliest starts, as those of what was recorded are: derivatives do not reach across contacts. The
+        derivatives that they have are of where they began.
         """
         rng, layout = np.random.default_rng(seed), self.layout
         path = self._rolled(effects, np.arange(len(self)), self.shift)

@@ -132,6 +132,7 @@ class FreeSettings:
     jump: float = setting(20.0, "times what nine of ten rows that answer do not exceed", "beyond it is a jump, as of a contact that comes a step sooner")
     faint: float = setting(1.0, "standard deviations", "no slope up to this is a jump: where an effect changes nothing, rounding jumps")
     difference: float = setting(0.1, "share of a parameter", "for derivatives: with a hundredth, fits stop at the jerks of single contacts")
+    sought: int = setting(2, "steps", "from recorded starts to the likeliest ones, where derivatives are known")
     settled: int = setting(8, "times", "at most, the answer is fitted again about what starts change beside it")
     still: float = setting(0.3, "standard errors", "by which that moves no parameter any more")
     choosing: float = setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
