@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.side_by_side import relinearised
@@ -16,7 +17,9 @@ from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, model_of, slopes_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.screen import Refit, refit_of
+from mpge_bench.envs.effects import Delay
 
+Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 
@@ -61,8 +64,18 @@ class FreeSearch(Search):
         """See `Search`; where windows are smooth all that is changed is in proportion."""
         if not self.is_smooth:
             return super().refit(replay, model, rows)
-        none = np.zeros((0, *model.residuals.shape))
-        return refit_of(model, slopes_of(replay, model, model.residuals, rows, self.settings) if model.hypotheses else none, self.settings)
+        return refit_of(model, self.taken(replay, model, rows), self.settings)
+
+    def taken(self, replay: Predictor, model: Model, rows: Rows) -> Array:
+        """What is no news beside `model`, whose residuals are those of `rows`: by what its parameters change the predictions, and when within a physics step a
+        motor with a hidden state gets its command, in which simulators differ; shape (changes, rows, entries)."""
+        if not model.hypotheses:
+            return np.zeros((0, *model.residuals.shape))
+        coarse, simulator = replay.coarser(), self.windows.simulator
+        here = coarse.residuals(model.effects, rows)
+        late = sorted({one.target for one in model.effects if one.remembers and one.target in simulator.rig.driven})
+        later = [here - coarse.residuals(simulator.rig.joined(model.effects, Delay(joint, simulator.step)), rows) for joint in late]
+        return np.concatenate((slopes_of(replay, model, model.residuals, rows, self.settings), *(one[None] for one in later)))
 
     @property
     def windows(self) -> Windows:
@@ -127,7 +140,8 @@ class FreeSearch(Search):
         missed = self.replay.residuals(model.effects, self.every)
 
         def is_told() -> bool:
-            fitted = slopes_of(self.replay, model, missed[self.glance], self.glance, self.settings) if model.hypotheses else None
+            seen = model_of(self.replay, model.hypotheses, model.values, self.glance, self.settings)
+            fitted = self.taken(self.replay, seen, self.glance) if model.hypotheses else None
             return self.evidence.chance(missed, self.columns.values(), self.glance, fitted)[0] < self.settings.leftover
 
         if is_told() or self.columns or self.late("looking for effects"):
