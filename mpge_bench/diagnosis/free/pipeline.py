@@ -85,8 +85,8 @@ def diagnose_free(
 
 def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings:
     """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
-    free, names = settings.free, ("screening", "fewest", "checked", "tried", "polished", "iterations", "iterations_polish", "walks", "difference", "worst")
-    own = {name: getattr(free, name) for name in (*names, "material", "equal", "faint", "standing_for", "jump")}
+    free, names = settings.free, ("screening", "fewest", "checked", "checked_anyway", "tried", "polished", "iterations", "iterations_polish", "walks")
+    own = {name: getattr(free, name) for name in (*names, "difference", "worst", "material", "equal", "faint", "standing_for", "jump")}
     search = replace(settings.replay, block=1, stretch=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
     search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
     return replace(settings, replay=replace(search, **own))

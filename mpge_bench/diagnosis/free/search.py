@@ -60,6 +60,10 @@ class FreeSearch(Search):
         coarse = replay.coarser()
         super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
 
+    def is_more(self, one: Hypothesis, model: Model) -> bool:
+        """See `Search`; what acts on several alike is no more than what acts on each, of which one was found."""
+        return not any(one.kind is other.kind and set(one.targets) & set(other.targets) for other in model.hypotheses)
+
     def refit(self, replay: Predictor, model: Model, rows: Rows) -> Refit:
         """See `Search`; where windows are smooth all that is changed is in proportion."""
         if not self.is_smooth:
@@ -97,10 +101,7 @@ class FreeSearch(Search):
         if richer is model or not self.is_smooth:
             return richer
         rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
-        found = self.settled(richer)
-        self.models.clear()
-        self.add(model_of(self.replay, (), (), self.rows, self.settings))
-        self.add(found)
+        found = self._judged_anew(self.settled(richer))
         for one in rivals:
             if not self.late("fitting hypotheses"):
                 self.add(self.fitted(one.hypotheses, one.values))
@@ -108,9 +109,20 @@ class FreeSearch(Search):
         self.forget()
         return found
 
+    def _judged_anew(self, found: Model) -> Model:
+        """`found`, by which all models are judged from now on."""
+        self.models.clear()
+        self.add(model_of(self.replay, (), (), self.rows, self.settings))
+        return self.add(found)
+
+    def first(self) -> Model:
+        """See `Search`; what was found in other windows is settled in these: beside what is off by a little in long windows all that pulls looks lacking."""
+        first = super().first()
+        return self._judged_anew(self.settled(first)) if first.hypotheses and self.is_smooth and first is not self.last else first
+
     def begun(self) -> Model:
         """What is found first, as drafted: the windows that come next are linearised about it."""
-        return super().taken_in(self.first())
+        return super().taken_in(super().first())
 
     def settled(self, model: Model) -> Model:
         """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off."""

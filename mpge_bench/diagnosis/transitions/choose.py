@@ -78,6 +78,15 @@ class Search(Trials):
 
     def explained(self) -> Model:
         """The best model: of one hypothesis after another or, where the first leaves something, of all that robots of one make usually differ by."""
+        whole, self.clock = self.clock, self.clock.within(self.settings.searching)
+        try:
+            chosen, many = self._gathered()
+        finally:
+            self.clock = whole
+        return many or self.alone(self.needed(chosen))
+
+    def _gathered(self) -> tuple[Model, Model | None]:
+        """The best model of one hypothesis after another, with what was picked up on the way, and that of all usual differences, where it is better."""
         chosen, rounds, looked = self.first(), 0, False
         while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
@@ -90,10 +99,10 @@ class Search(Trials):
                 looked = True
                 many = usual_differences(self) if self.is_lacking(chosen, self.settings.exact_share) else None
                 if many is not None and self.is_better(many, chosen):
-                    return many
+                    return chosen, many
             if is_stuck:
                 break
-        return self.alone(self.needed(chosen))
+        return chosen, None
 
     def first(self) -> Model:
         """The model from which the search goes on."""
@@ -159,6 +168,10 @@ class Search(Trials):
         columns: list[Columns] = self.each(columns_of, (replay, model, self.glance), hypotheses)  # type: ignore[assignment]
         self.columns.update({one.hypothesis.key: one for one in columns})
 
+    def is_more(self, one: Hypothesis, model: Model) -> bool:
+        """Whether `one` may stand beside the hypotheses of `model`."""
+        return one.key not in model.key
+
     def refit(self, replay: Predictor, model: Model, rows: Rows) -> Refit:
         """What the parameters of `model` make up for in a look at the `rows`: nothing where contacts bend what they change."""
         return refit_of(model, None, self.settings)
@@ -168,7 +181,7 @@ class Search(Trials):
         settings, known = self.settings, self.columns
         glance, few = (model_of(replay, model.hypotheses, model.values, rows, settings) for rows in (self.glance, self.few))
         self.know(replay, glance, [one for one in hypotheses if one.key not in known])
-        left = [known[one.key] for one in hypotheses if one.key in known and one.key not in model.key]
+        left = [known[one.key] for one in hypotheses if one.key in known and self.is_more(one, model)]
         refit = self.refit(replay, glance, self.glance)
         found = [look(glance, one, settings, refit) for one in left]
         # Several parameters on each of several things say anything.
@@ -177,6 +190,7 @@ class Search(Trials):
             several = together(glance, [one for one in plain if one.hypothesis.kind is kind], settings, refit)
             found += [several] if several else []
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
+        found = [one for place, one in enumerate(found) if place < settings.checked_anyway or one.gain > settings.close * found[0].gain]
         again: list[Look] = self.each(looked_again, (replay, few, self.few, settings, self.refit(replay, few, self.few)), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
