@@ -7,6 +7,7 @@ import pytest
 
 from mpge_bench.diagnosis.free.evidence import along
 from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.screen import Refit
 
 SHAPE = 30, 120
 
@@ -40,3 +41,16 @@ def test_one_window_does_not_decide() -> None:
 
 def test_an_effect_that_changes_nothing_is_not_missed() -> None:
     assert along(np.ones(SHAPE), np.zeros(SHAPE), DEFAULT.free) == 0.0
+
+
+def test_what_looks_like_more_of_what_was_found_is_seen_beside_it() -> None:
+    """A soft ground under a puck changes most as more tilt would, and tilt had been fitted: in all that it changes what is left was 2 of the noise."""
+    rng = np.random.default_rng(3)
+    tilt, own = rng.standard_normal((2, *SHAPE))
+    change = 3 * tilt + 0.15 * own
+    missed = rng.standard_normal(SHAPE) + 0.15 * own
+    missed -= tilt * (missed * tilt).sum() / (tilt**2).sum()
+    refit = Refit(tilt[None], np.ones(SHAPE))
+    assert abs(along(missed, change, DEFAULT.free)) < 3
+    assert along(missed, refit.left_of(change), DEFAULT.free) > 6
+    assert np.abs(refit.left_of(2 * tilt)).max() < 1e-9

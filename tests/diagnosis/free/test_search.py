@@ -5,15 +5,24 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.free import pipeline
+from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
+from mpge_bench.diagnosis.free.pipeline import _for_windows
+from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Effect, JointSpring, TorqueGain
+from mpge_bench.diagnosis.transitions.fit import model_of
+from mpge_bench.diagnosis.transitions.hypotheses import Scales, listed
+from mpge_bench.diagnosis.transitions.screen import Refit
+from mpge_bench.envs.effects import Delay, Effect, JointSpring, Lag, Scale, TorqueGain
 
-from .conftest import Tossed
+from .conftest import UNHURRIED, Tossed
+from .test_windows import made
 
 HIDDEN: tuple[Effect, ...] = (TorqueGain("hinge", 0.9), JointSpring("hinge", 0.03, 0.2))
 
@@ -46,3 +55,19 @@ def test_errors_are_told_of_the_joints_where_these_miss_most(sprung: Diagnosis) 
     assert held.before is not None
     assert held.after < held.before / 5
     assert any(line.startswith("Held-out prediction error of the joints") for line in sprung.summary)
+
+
+def test_half_a_physics_step_is_no_news_beside_a_motor_that_lags(swung: Tossed) -> None:
+    """Beside a lag that explained 170 of the noise half a step was called a delay of .5 ms, before gravity that was tilted."""
+    windows, settings = made(swung(falls=2), 6).linearised(), _for_windows(DEFAULT, 100)
+    scales = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
+    known = {one.kind.name: one for one in listed([Lag, Delay, TorqueGain], ["hinge"], ["hinge"], [], Scales({"hinge": scales}, {}, scales))}
+    search = FreeSearch(windows, list(known.values()), Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
+    lagging, weak = (model_of(windows, [known[name]], [(value,)], search.every, search.settings) for name, value in (("lag", 0.04), ("torque_gain", 0.9)))
+    assert len(search.taken(windows, lagging, search.every)) == 2
+    assert len(search.taken(windows, weak, search.every)) == 1
+    late = lagging.residuals - windows.residuals([*lagging.effects, Delay("hinge", 5e-4)], search.every)
+    left = Refit(search.taken(windows, lagging, search.every), np.ones(late.shape)).left_of(late)
+    assert np.linalg.norm(left) < 0.1 * np.linalg.norm(late)
+    assert search.is_more(known["delay"], lagging)
+    assert not search.is_more(known["lag"], lagging)

@@ -145,3 +145,11 @@ def test_windows_linearised_again_miss_what_they_say(swung: Tossed) -> None:
     really = windows.missed(windows._rolled(hidden, every, windows.shift), every)
     assert missed == pytest.approx(really, abs=0.1)
     assert np.sqrt((missed**2).mean()) < 1.2
+
+
+def test_imagined_windows_are_followed_by_derivatives_that_are_known(swung: Tossed) -> None:
+    windows = made(swung(falls=2), 6).linearised()
+    every, imagined = np.arange(len(windows)), windows.imagined(0)
+    assert np.sqrt((imagined.missed(imagined.from_recorded(()), every) ** 2).mean()) > 2
+    quick, whole = (one.residuals((), every) for one in (imagined.sought(), imagined.linearised()))
+    assert quick == pytest.approx(whole, abs=0.1)

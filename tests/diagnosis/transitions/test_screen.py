@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.fit import Model, model_of
@@ -25,6 +26,17 @@ def test_a_second_look_sees_a_mismatch_that_is_many_times_as_large_as_the_first_
     second = looked_again(found, nominal, rows, SETTINGS, refit_of(nominal, None, SETTINGS), first)
     assert second.gain > first.gain + 0.1
     assert second.start[0][0] > 1.5
+
+
+def test_of_a_start_that_is_too_much_a_part_counts_where_changes_are_in_proportion() -> None:
+    """A soft ground's softest start went past what was missed, and promised nothing."""
+    change = np.random.default_rng(1).normal(size=(50, 4))
+    model = Model((), (), 0.3 * change, 0.0)
+    known = Columns(Hypothesis(("a",), (TorqueGain("a", 0.9),)), np.array([[0.9]]), change[None])
+    bent, in_proportion = (look(model, known, SETTINGS, refit_of(model, slopes, SETTINGS)) for slopes in (None, np.zeros((0, 50, 4))))
+    assert bent.gain < 0
+    assert in_proportion.gain > 0.99
+    assert refit_of(model, np.zeros((0, 50, 4)), SETTINGS).part_of(0.1 * change, model.residuals) == pytest.approx(0.1 * change)
 
 
 def test_together_takes_in_what_explains_more_and_nothing_else() -> None:
