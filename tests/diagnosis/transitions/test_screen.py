@@ -32,7 +32,7 @@ def test_of_a_start_that_is_too_much_a_part_counts_where_changes_are_in_proporti
     """A soft ground's softest start went past what was missed, and promised nothing."""
     change = np.random.default_rng(1).normal(size=(50, 4))
     model = Model((), (), 0.3 * change, 0.0)
-    known = Columns(Hypothesis(("a",), (TorqueGain("a", 0.9),)), np.array([[0.9]]), change[None])
+    known = Columns(Hypothesis(("a",), (TorqueGain("a", 0.9),), None), np.array([[0.9]]), change[None])
     bent, in_proportion = (look(model, known, SETTINGS, refit_of(model, slopes, SETTINGS)) for slopes in (None, np.zeros((0, 50, 4))))
     assert bent.gain < 0
     assert in_proportion.gain > 0.99
