@@ -66,7 +66,9 @@ def longest(
         return linearised(workers, windows.imagined(seed, effects), effects)
 
     def repeats(windows: Windows) -> npt.NDArray[np.bool_]:
-        return _missed(windows.imagined(0, effects).sought(effects), effects) < free.repeated
+        # In the air derivatives where a window began lead there, too; what tumbles over a ground they would follow as no recording's can.
+        some = own(windows, 0) if simulator.rig.ground else windows.imagined(0, effects).sought(effects)
+        return _missed(some, effects) < free.repeated
 
     free, shortened = settings.free, False
     looking, shortest = clock.within(free.looking), min(free.longer)
