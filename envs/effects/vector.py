@@ -31,7 +31,6 @@ def total(effects: Sequence[Effect]) -> Effect:
     return with_parameters(effects[0], np.sum([parameters_of(effect) for effect in effects], 0).tolist())
 
 
-
 def within_bounds(kind: type[Effect], target: str, values: Mapping[str, Any]) -> Effect:
     """An effect with `values` by their names, parameters clipped to their bounds: starts of fits go by how large things are, and what whirls is larger."""
     bounds = kind.parameters

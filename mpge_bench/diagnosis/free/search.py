@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,11 +30,6 @@ class FreeSearch(Search):
     evidence: Evidence = field(kw_only=True)
     #: That windows are linearised about.
     last: Model | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        # What starts take up for the most part lags behind in drafts.
-        self.ahead = self.settings.polished if self.is_smooth else 1
 
     def compared(self) -> Comparison:
         """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
@@ -64,6 +59,11 @@ class FreeSearch(Search):
         """See `Search`; what acts on several alike is no more than what acts on each, of which one was found."""
         return not any(one.kind is other.kind and set(one.targets) & set(other.targets) for other in model.hypotheses)
 
+    @property
+    def ahead(self) -> int:
+        """See `Search`; what starts take up for the most part lags behind in drafts."""
+        return self.settings.polished if self.is_smooth else super().ahead
+
     def refit(self, replay: Predictor, model: Model, rows: Rows) -> Refit:
         """See `Search`; where windows are smooth all that is changed is in proportion."""
         if not self.is_smooth:
@@ -75,11 +75,14 @@ class FreeSearch(Search):
         motor with a hidden state gets its command, in which simulators differ; shape (changes, rows, entries)."""
         if not model.hypotheses:
             return np.zeros((0, *model.residuals.shape))
-        coarse, simulator = replay.coarser(), self.windows.simulator
-        here = coarse.residuals(model.effects, rows)
+        slopes, simulator = slopes_of(replay, model, model.residuals, rows, self.settings), self.windows.simulator
         late = sorted({one.target for one in model.effects if one.remembers and one.target in simulator.rig.driven})
+        if not late:
+            return slopes
+        coarse = replay.coarser()
+        here = coarse.residuals(model.effects, rows)
         later = [here - coarse.residuals(simulator.rig.joined(model.effects, Delay(joint, simulator.step)), rows) for joint in late]
-        return np.concatenate((slopes_of(replay, model, model.residuals, rows, self.settings), *(one[None] for one in later)))
+        return np.concatenate((slopes, later))
 
     @property
     def windows(self) -> Windows:
@@ -152,8 +155,8 @@ class FreeSearch(Search):
         missed = self.replay.residuals(model.effects, self.every)
 
         def is_told() -> bool:
-            seen = model_of(self.replay, model.hypotheses, model.values, self.glance, self.settings)
-            fitted = self.taken(self.replay, seen, self.glance) if model.hypotheses else None
+            seen = replace(model, residuals=missed[self.glance])
+            fitted = self.taken(self.replay, seen, self.glance) if model.hypotheses and self.columns else None
             return self.evidence.chance(missed, self.columns.values(), self.glance, fitted)[0] < self.settings.leftover
 
         if is_told() or self.columns or self.late("looking for effects"):

@@ -55,8 +55,6 @@ class Search(Trials):
     shown: set[frozenset[tuple[str, tuple[str, ...]]]] = field(default_factory=set)
     #: A model to go on from, which was found elsewhere.
     found: Model | None = None
-    #: How many drafts of a round are fitted further.
-    ahead: int = 1
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -167,6 +165,11 @@ class Search(Trials):
         """The columns of `hypotheses` beside `model`, whose residuals are those of the rows `glance`."""
         columns: list[Columns] = self.each(columns_of, (replay, model, self.glance), hypotheses)  # type: ignore[assignment]
         self.columns.update({one.hypothesis.key: one for one in columns})
+
+    @property
+    def ahead(self) -> int:
+        """How many drafts of a round are fitted further."""
+        return 1
 
     def is_more(self, one: Hypothesis, model: Model) -> bool:
         """Whether `one` may stand beside the hypotheses of `model`."""

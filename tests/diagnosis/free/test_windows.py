@@ -143,7 +143,7 @@ def test_windows_linearised_again_miss_what_they_say(swung: Tossed) -> None:
         windows = windows.relinearised(hidden)
     missed = windows.residuals(hidden, every)[:, : windows.slopes.shape[1]]
     really = windows.missed(windows._rolled(hidden, every, windows.shift), every)
-    assert missed == pytest.approx(really, abs=0.2)
+    assert missed == pytest.approx(really, abs=0.1)
     assert np.sqrt((missed**2).mean()) < 1.2
 
 
