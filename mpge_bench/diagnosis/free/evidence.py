@@ -49,10 +49,11 @@ class Evidence:
             fitted: derivatives of the same windows by the parameters of what was found, shape (parameters, windows, entries): along these nothing is left.
         """
         refit = Refit(fitted, np.sqrt(_weights(missed[rows], self.settings.free)))
-        sizes = [abs(along(missed[rows], refit.left_of(change), self.settings.free)) for one in columns for change in one.changes]
+        free, left, changes = self.settings.free, missed[rows], [refit.left_of(change) for one in columns for change in one.changes]
         least = self.settings.replay.certain  # so far out nobody knows the tails of noise
-        allowed = self.settings.free.allowed if fitted is None else self.settings.free.allowed_beside
-        beyond = max(2 * len(sizes) * float(norm.sf(max(sizes) / allowed)), least) if sizes else 1.0
+        allowed = [free.allowed if fitted is None else float(np.clip(scatter(left, one, free), free.allowed_beside, free.allowed)) for one in changes]
+        sizes = [abs(along(left, one, free)) / room for one, room in zip(changes, allowed, strict=True)]
+        beyond = max(2 * len(sizes) * float(norm.sf(max(sizes))), least) if sizes else 1.0
         p, is_bound = min(likeness(self.target, missed, self.own, self.of_own, self.settings.replay), (beyond, beyond == least))
         return min(2 * p, 1.0), is_bound
 
@@ -69,14 +70,30 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
 
     What is missed by far counts less, and so does a window whose change is far larger than the others', lest one of them decide; 0 where it shows in a few.
     """
+    each, length = _told(missed, change, settings)
+    if len(each) < settings.shown:
+        return 0.0
+    share = length / np.hypot(length, np.median(length))
+    return float((each * share).sum() / np.linalg.norm(share))
+
+
+def scatter(missed: Array, change: Array, settings: FreeSettings) -> float:
+    """By how much what windows miss along `change` differs from the same share of it in all, in standard deviations of what noise makes of it.
+
+    Where that is more than noise, something else is missed, as where two simulators' laws of contact differ: it has this effect's direction by chance alone.
+    """
+    each, length = _told(missed, change, settings)
+    if len(each) < settings.shown:
+        return 0.0
+    return float(np.linalg.norm(each - (each @ length) / (length @ length) * length) / np.sqrt(len(each) - 1))
+
+
+def _told(missed: Array, change: Array, settings: FreeSettings) -> tuple[Array, Array]:
+    """What each window that tells misses along its `change`, and how large that is, in standard deviations of the noise, shapes (windows,)."""
     weights = _weights(missed, settings)
     length = np.sqrt((change**2 * weights).sum(1))
     tells = length > settings.telling
-    if tells.sum() < settings.shown:
-        return 0.0
-    each = (missed * change * weights).sum(1)[tells] / length[tells]
-    share = length[tells] / np.hypot(length[tells], np.median(length[tells]))
-    return float((each * share).sum() / np.linalg.norm(share))
+    return (missed * change * weights).sum(1)[tells] / length[tells], length[tells]
 
 
 def _weights(missed: Array, settings: FreeSettings) -> Array:

@@ -114,7 +114,7 @@ class FreeSettings:
     tested: float = setting(1000.0, "s", "of motion are predicted to see whether anything is missed along what effects change")
     shown: int = setting(3, "windows", "at least, in which an effect is seen: what one impact did is no law")
     allowed: float = setting(2.0, "times the noise", "that is missed along an effect where there is none: two simulators' laws of contact are not the same")
-    allowed_beside: float = setting(1.25, "times the noise", "the same beside what was found: what is looked for then has to describe better, too")
+    allowed_beside: float = setting(1.25, "times the noise", "the least that is allowed beside what was found; more, where windows do not agree on the effect")
     coarse: int = setting(4, "times", "longer steps tell what starts and effects change of a motion with joints")
     fewest_rows: int = setting(5, "rows", "of a window: fewer are nothing but their start")
     moved: float = setting(30.0, "standard deviations of q", "what moves less within a window tells nothing")

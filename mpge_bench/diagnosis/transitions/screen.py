@@ -155,8 +155,7 @@ def _guess(model: Model, known: Columns, settings: ReplaySettings, refit: Refit)
     moves = starts - absent
     options: list[tuple[float, Array]] = []
     if len(starts) == len(absent):
-        shares = np.zeros(len(starts))
-        shares[alive] = np.linalg.lstsq((columns[alive] / length[alive, None]).T, own, rcond=1e-4)[0] / length[alive]
+        shares = _shares(columns, own, moves)
         options.append((1 - float(((own - shares @ columns) ** 2).sum() / (own**2).sum()), shares))
     for place in np.flatnonzero(alive):
         column = columns[place]
@@ -168,6 +167,20 @@ def _guess(model: Model, known: Columns, settings: ReplaySettings, refit: Refit)
         return other, other
     values = tuple(np.clip(absent + shares @ moves, *hypothesis.bounds).tolist())
     return other, _Guess(gain, values, np.tensordot(shares, changes, 1))
+
+
+def _shares(columns: Array, own: Array, moves: Array) -> Array:
+    """Shares of `columns`, shape (starts, residuals), of starts that lie `moves` from absence, shape (starts, parameters), whose sum comes nearest to `own`.
+
+    They are sought by parameter: one that changes nothing, as the place of a load across a plane, stays where it is absent.
+    """
+    inverse = np.linalg.pinv(moves)
+    slopes = inverse @ columns
+    length = np.linalg.norm(slopes, axis=1)
+    found = np.zeros(len(slopes))
+    alive = length * np.abs(moves).max(0) > 1e-9
+    found[alive] = np.linalg.lstsq((slopes[alive] / length[alive, None]).T, own, rcond=1e-4)[0] / length[alive]
+    return np.asarray(found @ inverse)
 
 
 def looked_again(replay: Predictor, model: Model, rows: Rows, settings: ReplaySettings, refit: Refit, look: Look) -> Look:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.free.evidence import along
+from mpge_bench.diagnosis.free.evidence import along, scatter
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.screen import Refit
 
@@ -54,3 +54,13 @@ def test_what_looks_like_more_of_what_was_found_is_seen_beside_it() -> None:
     assert abs(along(missed, change, DEFAULT.free)) < 3
     assert along(missed, refit.left_of(change), DEFAULT.free) > 6
     assert np.abs(refit.left_of(2 * tilt)).max() < 1e-9
+
+
+def test_windows_that_do_not_agree_on_an_effect_tell_less_of_it() -> None:
+    """Of a brick in another simulator that slid on slippery ground an inertia of 1.04 was named: laws of contact that differ had its direction by chance."""
+    rng = np.random.default_rng(4)
+    noise, change = rng.standard_normal((2, *SHAPE))
+    assert scatter(noise, change, DEFAULT.free) == pytest.approx(1, abs=0.35)
+    assert scatter(noise + 0.5 * change, change, DEFAULT.free) == pytest.approx(1, abs=0.35)
+    assert scatter(noise + 0.5 * change * rng.choice([-1, 1], SHAPE[0])[:, None], change, DEFAULT.free) > 3
+    assert scatter(noise, np.zeros(SHAPE), DEFAULT.free) == 0.0

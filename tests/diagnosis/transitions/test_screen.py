@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, columns_of, look, looked_again, refit_of, together
 from mpge_bench.envs import get_task
-from mpge_bench.envs.effects import TorqueGain
+from mpge_bench.envs.effects import AttachedMass, TorqueGain
 from mpge_bench.unmask import drawn
 
 SETTINGS = DEFAULT.replay
@@ -37,6 +37,19 @@ def test_of_a_start_that_is_too_much_a_part_counts_where_changes_are_in_proporti
     assert bent.gain < 0
     assert in_proportion.gain > 0.99
     assert refit_of(model, np.zeros((0, 50, 4)), SETTINGS).part_of(0.1 * change, model.residuals) == pytest.approx(0.1 * change)
+
+
+def test_a_parameter_that_changes_nothing_starts_where_it_is_absent() -> None:
+    """A load's place across a plane: as much of what it weighs was put at the start that lies there, and the fit, exact otherwise, was implausible."""
+    rng = np.random.default_rng(2)
+    weight, forward, up = rng.normal(size=(3, 50, 4))
+    starts = [(0.3, 0.0, 0.0, 0.0), (0.3, 0.1, 0.0, 0.0), (0.3, 0.0, 0.1, 0.0), (0.3, 0.0, 0.0, 0.1)]
+    changes = np.array([weight, weight + forward, weight, weight + up])
+    load = Hypothesis(("torso",), tuple(AttachedMass("torso", *one) for one in starts), (0.0,) * 4)
+    model = Model((), (), 3 * weight + 2 * forward - up, 0.0)
+    ((mass, x, y, z),) = look(model, Columns(load, np.array(starts), changes), SETTINGS, refit_of(model, None, SETTINGS)).start
+    assert (mass, x, z) == pytest.approx((0.9, 0.2, -0.1))
+    assert y == pytest.approx(0, abs=1e-9)
 
 
 def test_together_takes_in_what_explains_more_and_nothing_else() -> None:
