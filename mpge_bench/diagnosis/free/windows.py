@@ -243,7 +243,7 @@ class Windows:
 
 
 def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: FreeSettings, total: int) -> Windows:
-    """About `total` windows, evenly spread over the recordings, of those in which something moves; each starts at the calmest row near by.
+    """About `total` windows, evenly spread over the recordings, of those in which something moves; each starts at the first row near by that is calm.
 
     What they are to be linearised about is not known yet.
 
@@ -251,14 +251,15 @@ def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: S
         UserError: if no recording is long enough.
     """
     layout, count = simulator.rig.layout, max(settings.fewest_rows, round(settings.window / simulator.period))
-    # No farther on, lest a long window begin where what slides has come to rest.
+    # No farther on, lest a window begin where what slides has come to rest or to roll.
     reach = max(settings.fewest_rows, round(settings.calmest / simulator.period))
     places = []
     for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
         last = len(one.time) - 1 - count
         for slot in range(0, last + 1, count):
             near = np.arange(slot, min(slot + min(reach, count), last + 1))
-            row = int(near[np.argmin(motion.misfit[near])])
+            calm = near[motion.misfit[near] < settings.calm]
+            row = int(calm[0] if len(calm) else near[np.argmin(motion.misfit[near])])
             moved = layout.dx(layout.minus(motion.state[row + 1 : row + 1 + count], motion.state[[row] * count])) / noise.q
             places.append((number, row, float(np.abs(moved).max())))
     if not places:

@@ -100,7 +100,7 @@ class FreeSettings:
     least_noise: float = setting(1e-5, "m, rad", "recordings made by a simulator may have none at all")
     late: float = setting(0.25, "rows", "recorded velocities that lag by more are difference quotients, half a row late")
     calm: float = setting(2.0, "standard deviations", "misfit of parabolas up to which the poses tell velocities")
-    calmest: float = setting(0.1, "s", "within which the calmest row is sought for a window to begin at")
+    calmest: float = setting(0.1, "s", "within which a calm row is sought for a window to begin at, or the calmest")
     doubt: float = setting(2.0, "times", "what the noise makes of a parabola's slope: motion is no parabola")
     even: float = setting(0.05, "rows", "rows may come that much sooner or later")
     window: float = setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")

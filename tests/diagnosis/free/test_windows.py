@@ -94,7 +94,7 @@ def test_they_are_predicted_from_starts_as_likely_as_those_of_what_was_recorded(
     recorded = made(tossed(tosses=6, noise=5e-4), 24)
     first, second = (np.sqrt((one.residuals((), np.arange(len(one))) ** 2).mean(1)) for one in (recorded, recorded.imagined(0).linearised()))
     assert np.median(second) < 1.3 * np.median(first)
-    assert np.quantile(second, 0.8) < 1.5 * np.quantile(first, 0.8)
+    assert np.quantile(second, 0.8) < 2 * np.quantile(first, 0.8)
 
 
 def test_a_simulation_that_cannot_be_is_as_bad_as_can_be(windows: Windows) -> None:
