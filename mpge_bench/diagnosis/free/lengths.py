@@ -16,7 +16,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.free.motion import Motion, Noise
 from mpge_bench.diagnosis.free.side_by_side import linearised
 from mpge_bench.diagnosis.free.simulator import Simulator
-from mpge_bench.diagnosis.free.windows import Windows, windows_of
+from mpge_bench.diagnosis.free.windows import Windows, unprimed, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings, FreeSettings
 from mpge_bench.envs.effects import Effect
 
@@ -72,7 +72,7 @@ def longest(
 
     free, shortened = settings.free, False
     looking, shortest = clock.within(free.looking), min(free.longer)
-    rows = min(len(one.time) for one in recordings) - 1
+    rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
     for times in free.longer:
         pieces = math.ceil(rows * simulator.period / (times * free.window))
         if pieces * len(recordings) < free.repeats or (times > shortest and looking.late):

@@ -242,6 +242,11 @@ class Windows:
         return np.array([self.simulator.rolled(world, start, self.u[row], self.past[row]) for row, start in zip(rows.tolist(), starts, strict=True)])
 
 
+def unprimed(simulator: Simulator, settings: FreeSettings) -> int:
+    """Rows of a recording in which no window begins: what motors held before it is not known."""
+    return round(settings.primed / simulator.period) if simulator.rig.driven else 0
+
+
 def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: Sequence[Motion], noise: Noise, settings: FreeSettings, total: int) -> Windows:
     """About `total` windows, evenly spread over the recordings, of those in which something moves; each starts at the first row near by that is calm.
 
@@ -253,10 +258,10 @@ def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: S
     layout, count = simulator.rig.layout, max(settings.fewest_rows, round(settings.window / simulator.period))
     # No farther on, lest a window begin where what slides has come to rest or to roll.
     reach = max(settings.fewest_rows, round(settings.calmest / simulator.period))
-    places = []
+    begin, places = unprimed(simulator, settings), []
     for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
         last = len(one.time) - 1 - count
-        for slot in range(0, last + 1, count):
+        for slot in range(min(begin, last), last + 1, count):
             near = np.arange(slot, min(slot + min(reach, count), last + 1))
             calm = near[motion.misfit[near] < settings.calm]
             row = int(calm[0] if len(calm) else near[np.argmin(motion.misfit[near])])

@@ -101,6 +101,7 @@ class FreeSettings:
     late: float = setting(0.25, "rows", "recorded velocities that lag by more are difference quotients, half a row late")
     calm: float = setting(2.0, "standard deviations", "misfit of parabolas up to which the poses tell velocities")
     calmest: float = setting(0.1, "s", "within which a calm row is sought for a window to begin at, or the calmest")
+    primed: float = setting(0.15, "s", "of a recording in which no window begins where motors act: what these held before is not known, and a lag remembers it")
     doubt: float = setting(2.0, "times", "what the noise makes of a parabola's slope: motion is no parabola")
     even: float = setting(0.05, "rows", "rows may come that much sooner or later")
     window: float = setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")

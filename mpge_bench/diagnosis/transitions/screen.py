@@ -75,9 +75,12 @@ class Refit:
         flat = (changes * self._weights).reshape(*changes.shape[:-2], -1)
         return np.asarray(without(flat, self._basis).reshape(changes.shape) / self._weights)
 
-    def part_of(self, change: Array, residuals: Array) -> Array:
-        """As much of `change`, all of it at most, as lowers `residuals` most, both shaped (rows, entries): a start of what has no size may be too much."""
-        if not self._in_proportion:
+    def part_of(self, change: Array, residuals: Array, hypothesis: Hypothesis) -> Array:
+        """As much of `change`, all of it at most, as lowers `residuals` most, both shaped (rows, entries): a start of what has no size may be too much.
+
+        Of what has one a start that lies as much nearer to absence is proposed.
+        """
+        if not self._in_proportion or hypothesis.absent is not None:
             return change
         weighted = change * self._weights
         share = float((residuals * self._weights * weighted).sum() / max(float((weighted**2).sum()), 1e-18))
@@ -143,7 +146,7 @@ def _guess(model: Model, known: Columns, settings: ReplaySettings, refit: Refit)
     residuals, hypothesis, starts = model.residuals, known.hypothesis, known.starts
     scale, weights = _scale(residuals, settings), _weights(residuals, settings)
     changes = refit.left_of(known.changes)
-    costs = [_share(residuals, residuals - refit.part_of(change, residuals), scale) for change in changes]
+    costs = [_share(residuals, residuals - refit.part_of(change, residuals, hypothesis), scale) for change in changes]
     best = int(np.argmax(costs))
     other = _Guess(costs[best], tuple(starts[best].tolist()), changes[best])
     columns, own = (changes * weights).reshape(len(starts), -1), (residuals * weights).ravel()
@@ -189,7 +192,8 @@ def looked_again(replay: Predictor, model: Model, rows: Rows, settings: ReplaySe
 
     def gain(start: Values) -> float:
         left = replay.residuals(effects_of([*model.hypotheses, *look.hypotheses], [*model.values, *start]), rows)
-        return _share(model.residuals, model.residuals - refit.part_of(refit.left_of(model.residuals - left), model.residuals), scale)
+        change = refit.part_of(refit.left_of(model.residuals - left), model.residuals, look.hypotheses[0])
+        return _share(model.residuals, model.residuals - change, scale)
 
     starts = dict.fromkeys((look.start, look.other, *_further(look, settings)))
     gains = {start: gain(start) for start in starts}
