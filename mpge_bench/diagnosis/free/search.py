@@ -79,9 +79,9 @@ class FreeSearch(Search):
         late = sorted({one.target for one in model.effects if one.remembers and one.target in simulator.rig.driven})
         if not late:
             return slopes
-        coarse = replay.coarser()
-        here = coarse.residuals(model.effects, rows)
-        later = [here - coarse.residuals(simulator.rig.joined(model.effects, Delay(joint, simulator.step)), rows) for joint in late]
+        # With the steps of what is missed: longer ones hold a command for longer.
+        here = self.windows.residuals(model.effects, rows)
+        later = [here - self.windows.residuals(simulator.rig.joined(model.effects, Delay(joint, simulator.step)), rows) for joint in late]
         return np.concatenate((slopes, later))
 
     @property
