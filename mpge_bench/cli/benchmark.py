@@ -65,19 +65,24 @@ def run(
     result.json, which holds all settings, the policy, the learning curve and TensorBoard curves.
     A result that is there already is shown, not made again; remove its folder to run anew.
     """
-    from mpge_bench.console import ConsoleProgress
-    from mpge_bench.harness.run import run as make
+    from mpge_bench.envs import get_task
     from mpge_bench.harness.settings import RunSettings, stored_run
-    from mpge_bench.harness.store import present_result
-    from mpge_bench.policies import home
 
     if config:
         refuse(context, "samples", "preset", "seed", "changes", "rollouts", "divergence", "noise", because="where --config says all of the run")
         settings, chosen = stored_run(config, (task, method))
         task = settings.task
     else:
+        # Nobody waits for torch to read of a slip.
+        get_task(task)
         settings = RunSettings(task, method, samples, preset, seed, _overrides(changes, rollouts, divergence), noise)
         chosen = settings.effective()
+
+    from mpge_bench.console import ConsoleProgress
+    from mpge_bench.harness.run import run as make
+    from mpge_bench.harness.store import present_result
+    from mpge_bench.policies import home
+
     folder = settings.folder(out)
     if present_result(settings, out, chosen) and not as_json:
         console.print(f"{folder} holds the result of this run already:")
