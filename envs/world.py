@@ -81,7 +81,7 @@ class World:
         iterations: of Bullet's constraint solver, a physics step.
         loops: ball joints that close kinematic loops.
         effects: installed in this order; their `actuate` runs in this order on every command.
-        bouncing: contacts begin where bodies touch, so that restitution comes out as it is said (within 0.02), in place of a little before, which catches
+        bouncing: contacts begin where bodies touch, so that restitution comes out as it is said (within 0.01), in place of a little before, which catches
             what would bounce. It is so wherever a link has restitution.
         seen: made for `render`: what has no colour gets one, and the ground can be seen.
 
@@ -318,6 +318,10 @@ class World:
         client = self._client
         for link in range(-1, bullet.getNumJoints(self._body, physicsClientId=client)):
             bullet.changeDynamics(self._body, link, contactProcessingThreshold=0.0, physicsClientId=client)
+            # Half of what is taken back of a penetration at the most, since it is anything up to that.
+            coefficient = float(bullet.getDynamicsInfo(self._body, link, physicsClientId=client)[5]) - _BOUNCING_ERP / 2
+            if coefficient > 0:
+                bullet.changeDynamics(self._body, link, restitution=coefficient, physicsClientId=client)
         bullet.setPhysicsEngineParameter(contactERP=_BOUNCING_ERP, physicsClientId=client)
 
     def _close(self, loop: Loop) -> None:

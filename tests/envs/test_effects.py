@@ -1231,6 +1231,18 @@ def test_restitution_is_the_share_of_the_speed_that_is_left(brick_and_ball: tupl
         assert world.dq[2] + 9.81 * 0.015 == pytest.approx(2.05 * share, abs=0.08)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.4])
+def test_restitution_is_none_too_large_on_the_average(brick_and_ball: tuple[Model, Model], share: float) -> None:
+    """What a step takes back of a penetration came on top: other simulators' .445 was fitted as .434."""
+    world = World(brick_and_ball[1], timestep=5e-4, friction=1.0, effects=[Restitution("ball", share)])
+    left = []
+    for height in np.linspace(0.06, 0.061, 20):
+        world.set_state([0, 0, height, 0, 0, 0, 1], [0, 0, -2.0, 0, 0, 0])
+        speeds = world.roll(np.zeros((40, 0)))[1][:, 2]
+        left.append(speeds.max() / -speeds.min())
+    assert np.mean(left) == pytest.approx(share, abs=0.003)
+
+
 def test_a_ground_that_is_higher_carries_higher(brick_and_ball: tuple[Model, Model]) -> None:
     world = thrown(brick_and_ball[0], [0, 0, 0.1, 0, 0, 0, 1], [0, 0, 0], 0.8, GroundHeight("world", 0.03))
     assert world.q[2] == pytest.approx(0.08, abs=1e-3)
