@@ -89,7 +89,7 @@ def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings
     own = {name: getattr(free, name) for name in (*names, "difference", "worst", "material", "equal", "faint", "standing_for", "jump")}
     search = replace(settings.replay, block=1, stretch=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
     search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)
-    return replace(settings, replay=replace(search, **own))
+    return replace(settings, replay=replace(search, **own), verdict=replace(settings.verdict, interval=free.interval))
 
 
 def _choosing(windows: Windows, settings: DiagnosisSettings) -> npt.NDArray[np.bool_]:
