@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,7 @@ def longest(
     little of what they change beside the answer. Where the rig repeats too few of even the shortest, all of these are taken as they are.
 
     Args:
-        clock: of the whole diagnosis; longer windows are looked at for a share of what is left.
+        clock: of the whole diagnosis; windows are looked at for a share of what is left, and so many are taken as there is time for.
         effects: found so far, with which the rig misses less, and may repeat itself longer.
     """
 
@@ -73,27 +74,48 @@ def longest(
     free, shortened = settings.free, False
     looking, shortest = clock.within(free.looking), min(free.longer)
     rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
+    # Over a ground as many of the rig's own are linearised, too.
+    pace = 0.0 if math.isinf(looking.deadline) else (2 if simulator.rig.ground else 1) * _taken(lambda: cut(free, 1)) / workers.jobs / free.window
     for times in free.longer:
         pieces = math.ceil(rows * simulator.period / (times * free.window))
-        if pieces * len(recordings) < free.repeats or (times > shortest and looking.late):
+        if pieces * len(recordings) < free.repeats:
             continue
         longer = stretched(settings, rows // pieces * simulator.period)
+        total = _affordable(longer, pace, looking)
+        if times > shortest and total < free.repeats:
+            continue
+        total = max(total, free.repeats)
         # A few tell whether it is worth while to look at all.
-        some = cut(longer, longer.windows if longer.windows <= 2 * free.repeats else free.repeats)
+        some = cut(longer, total if total <= 2 * free.repeats else free.repeats)
         repeated = repeats(some)
         if repeated.mean() < free.enough:
             continue
         if times > shortest and _is_far(some, effects, free):
             shortened = True
             continue
-        if len(some) < longer.windows:
-            some = cut(longer, longer.windows)
+        if len(some) < total:
+            some = cut(longer, total)
             repeated = repeats(some)
         kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.
             return Length(longer, kept, own(kept.part(kept.heads(free.repeats)), 1), shortened)
-    return Length(free, cut(free, free.windows), own(cut(free, free.few), 0))
+    total = max(_affordable(free, pace, looking), free.repeats)
+    return Length(free, cut(free, total), own(cut(free, min(total, free.few)), 0))
+
+
+def _affordable(some: FreeSettings, pace: float, clock: Clock) -> int:
+    """How many windows, at most as many as `some` has, are linearised before `clock` is late, where that takes `pace` s for a second of them."""
+    most = (clock.deadline - time.monotonic()) / (some.window * pace) if pace else math.inf
+    return max(0, math.floor(min(most, some.windows)))
+
+
+def _taken(work: Callable[[], object]) -> float:
+    """Seconds that `work` takes when it is done again: worlds are made the first time."""
+    work()
+    begun = time.monotonic()
+    work()
+    return time.monotonic() - begun
 
 
 def _is_far(windows: Windows, effects: Sequence[Effect], settings: FreeSettings) -> bool:

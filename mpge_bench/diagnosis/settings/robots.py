@@ -106,7 +106,7 @@ class FreeSettings:
     even: float = setting(0.05, "rows", "rows may come that much sooner or later")
     window: float = setting(0.1, "s", "an impact shows within it, and the next one does not yet make the motion chaotic")
     longer: tuple[float, ...] = setting((4.0, 2.0, 1.0), "times", "as long are windows where the rig still predicts its own motion: what is faint adds up")
-    looking: float = setting(0.3, "share of the time that is left", "longer windows are looked at for: where the simulator is slow, the search needs the rest")
+    looking: float = setting(0.3, "share of the time that is left", "windows are cut for: where the simulator is slow there are fewer")
     repeated: float = setting(1.25, "standard deviations", "that the rig misses at most of a window that it made itself and is said to repeat")
     far: float = setting(30.0, "standard deviations", "missed of a tenth of the windows, beyond which they are shortened: nothing is in proportion any more")
     enough: float = setting(0.8, "share", "of the windows that the rig has to repeat: the others are left out")

@@ -9,6 +9,7 @@ import pytest
 
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.free import lengths
 from mpge_bench.diagnosis.free.lengths import longest, stretched
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings
 from mpge_bench.envs.effects import JointSpring
@@ -27,6 +28,15 @@ def test_without_time_longer_windows_are_not_looked_at(tossed: Tossed) -> None:
     folder = tossed(ground=None)
     assert lengthened(folder).window > 0.2
     assert lengthened(folder, Clock.started(0.0, DEFAULT.choose)).window == pytest.approx(DEFAULT.free.window, abs=0.015)
+
+
+def test_of_a_slow_simulator_there_are_as_many_windows_as_there_is_time_for(tossed: Tossed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A minitaur's, each of which took seconds, were linearised for ten minutes of a budget of two."""
+    monkeypatch.setattr(lengths, "_taken", lambda work: 5.0)
+    given = measured(tossed(ground=None))
+    hurried = longest(*given, DEFAULT, Workers(1), Clock.started(240.0, DEFAULT.choose))
+    assert hurried.settings.window == pytest.approx(DEFAULT.free.window, abs=0.015)
+    assert DEFAULT.free.repeats <= len(hurried.windows) < 20
 
 
 def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
