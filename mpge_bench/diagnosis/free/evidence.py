@@ -51,7 +51,8 @@ class Evidence:
         refit = Refit(fitted, np.sqrt(_weights(missed[rows], self.settings.free)))
         free, left, changes = self.settings.free, missed[rows], [refit.left_of(change) for one in columns for change in one.changes]
         least = self.settings.replay.certain  # so far out nobody knows the tails of noise
-        allowed = [free.allowed if fitted is None else float(np.clip(scatter(left, one, free), free.allowed_beside, free.allowed)) for one in changes]
+        least_allowed = free.allowed if fitted is None else free.allowed_beside
+        allowed = [max(scatter(left, one, free), least_allowed) for one in changes]
         sizes = [abs(along(left, one, free)) / room for one, room in zip(changes, allowed, strict=True)]
         beyond = max(2 * len(sizes) * float(norm.sf(max(sizes))), least) if sizes else 1.0
         p, is_bound = min(likeness(self.target, missed, self.own, self.of_own, self.settings.replay), (beyond, beyond == least))

@@ -105,6 +105,9 @@ class FreeSearch(Search):
             return richer
         rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
         found = self._judged_anew(self.settled(richer))
+        before = self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings))
+        if not self.is_better(found, before):
+            return before
         for one in rivals:
             if not self.late("fitting hypotheses"):
                 self.add(self.fitted(one.hypotheses, one.values))
