@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,27 +42,28 @@ class Evidence:
         """What the rig misses of its `own` windows, shape (windows, entries)."""
         return self.own.residuals(self.effects, np.arange(len(self.own)))
 
-    def chance(self, missed: Array, columns: Iterable[Columns], rows: Rows, fitted: Array | None = None) -> tuple[float, bool]:
+    def chance(self, missed: Array, columns: Iterable[Columns], rows: Rows, fitted: Array | None = None, *, agreed: bool = False) -> tuple[float, bool]:
         """p of as much being `missed` of the target, shape (windows, entries), where nothing is missing, and whether it is but an upper bound.
 
         Args:
             columns: of the windows `rows`.
             fitted: derivatives of the same windows by the parameters of what was found, shape (parameters, windows, entries): along these nothing is left.
+            agreed: whether windows have to agree on an effect, however much they miss: one that tumbles makes dozens of standard deviations of any.
         """
         refit = Refit(fitted, np.sqrt(_weights(missed[rows], self.settings.free)))
         free, left, changes = self.settings.free, missed[rows], [refit.left_of(change) for one in columns for change in one.changes]
         least = self.settings.replay.certain  # so far out nobody knows the tails of noise
-        least_allowed = free.allowed if fitted is None else free.allowed_beside
-        allowed = [max(scatter(left, one, free), least_allowed) for one in changes]
-        sizes = [abs(along(left, one, free)) / room for one, room in zip(changes, allowed, strict=True)]
+        allowed = free.allowed if fitted is None else free.allowed_beside, math.inf if agreed else free.allowed
+        rooms = [float(np.clip(scatter(left, one, free), *allowed)) for one in changes]
+        sizes = [abs(along(left, one, free)) / room for one, room in zip(changes, rooms, strict=True)]
         beyond = max(2 * len(sizes) * float(norm.sf(max(sizes))), least) if sizes else 1.0
         p, is_bound = min(likeness(self.target, missed, self.own, self.of_own, self.settings.replay), (beyond, beyond == least))
         return min(2 * p, 1.0), is_bound
 
-    def compared(self, missed: Array, columns: Iterable[Columns], rows: Rows) -> Comparison:
+    def compared(self, missed: Array, columns: Iterable[Columns], rows: Rows, *, agreed: bool = False) -> Comparison:
         """Whether there is any mismatch, where so much is `missed` without effects; see `chance`."""
         floor, size = (float(np.mean(np.median(np.abs(one), axis=0))) for one in (self.of_own, missed))
-        p, is_bound = self.chance(missed, columns, rows)
+        p, is_bound = self.chance(missed, columns, rows, agreed=agreed)
         line = f"The rig misses {floor:.3g} standard deviations of the noise in windows of its own (median), and {size:.3g} in those recorded."
         return Comparison(p, is_bound, p < self.settings.replay.significance, floor, self.settings.verdict.explained * floor, line)
 

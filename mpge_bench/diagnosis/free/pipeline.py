@@ -75,6 +75,8 @@ def diagnose_free(
     answer = search.answer() if test.is_mismatch else search.nothing()
     settings = search.evidence.settings
     answer = chosen_by(linearised(workers, others, answer.chosen.effects) if search.is_smooth else others, answer, settings)
+    if test.is_mismatch and not answer.chosen.hypotheses and not clock.late:
+        test = search.agreed()
     where = places(search.evidence.target, motions, answer.nominal.residuals[:, : search.windows.slopes.shape[1]]) if test.is_mismatch else ()
     settled = search.settled(answer.chosen)
     answer, settled = beside_equals(search, answer, settled)
@@ -104,15 +106,18 @@ def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> 
     """`answer` with, of the best models, the one that describes `windows` best, to which none was fitted; its own where that is as good but for chance."""
     if not answer.chosen.hypotheses:
         return answer
-    replay, every = settings.replay, np.arange(len(windows))
-    best = sorted(answer.models, key=lambda one: one.description)[: settings.free.judged]
+    replay, free, every = settings.replay, settings.free, np.arange(len(windows))
+    best = sorted(answer.models, key=lambda one: one.description)[: free.judged]
     models = [answer.chosen, answer.nominal, *(one for one in best if one.key not in (answer.chosen.key, answer.nominal.key))]
     judged = [model_of(windows, one.hypotheses, one.values, every, replay) for one in models]
     # Parameters have no price in windows that they were not fitted to.
     told = [float(nats_of(one.residuals, replay).mean()) for one in judged]
     first = int(np.argmin(told))
     least = max(replay.equal, replay.beyond_chance * chance_of(judged[0], judged[first], replay))
-    return answer if told[0] - told[first] < least else replace(answer, chosen=models[first], equals=())
+    # One window that is missed by far is much chance: where most others go against the answer, too, it is none.
+    worse = nats_of(judged[0].residuals, replay).mean(1) > nats_of(judged[first].residuals, replay).mean(1)
+    is_chance = told[0] - told[first] < (least if worse.mean() <= free.against else replay.equal)
+    return answer if is_chance else replace(answer, chosen=models[first], equals=())
 
 
 def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[Answer, Model]:

@@ -40,6 +40,13 @@ class FreeSearch(Search):
         self.know_all(nominal)
         return self.evidence.compared(nominal.residuals, self.columns.values(), self.glance)
 
+    def agreed(self) -> Comparison:
+        """Whether there is anything where no effect was found: windows that miss much have to agree on one."""
+        nominal = model_of(self.replay, (), (), self.every, self.settings)
+        self.forget()
+        self.know_all(nominal)
+        return self.evidence.compared(nominal.residuals, self.columns.values(), self.glance, agreed=True)
+
     def know_all(self, model: Model) -> None:
         """What all hypotheses change beside `model`, of as many windows as a test of what is left takes."""
         free, starts = self.evidence.settings.free, sum(len(one.starts) for one in self.hypotheses)
