@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.free.evidence import along, scatter
+from mpge_bench.diagnosis.free import evidence
+from mpge_bench.diagnosis.free.evidence import Evidence, along, scatter
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.screen import Refit
+from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.screen import Columns, Refit
+from mpge_bench.envs.effects import GroundHeight
+
+from .conftest import Tossed
+from .test_windows import made
 
 SHAPE = 30, 120
 
@@ -64,3 +70,17 @@ def test_windows_that_do_not_agree_on_an_effect_tell_less_of_it() -> None:
     assert scatter(noise + 0.5 * change, change, DEFAULT.free) == pytest.approx(1, abs=0.35)
     assert scatter(noise + 0.5 * change * rng.choice([-1, 1], SHAPE[0])[:, None], change, DEFAULT.free) > 3
     assert scatter(noise, np.zeros(SHAPE), DEFAULT.free) == 0.0
+
+
+def test_where_nothing_explains_windows_have_to_agree(tossed: Tossed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three windows of thirteen of an arm that shook its sled tumbled, and made 25 standard deviations of every effect."""
+    monkeypatch.setattr(evidence, "likeness", lambda *given: (1.0, False))
+    windows, rng = made(tossed(tosses=4), 13), np.random.default_rng(5)
+    rows = np.arange(len(windows))
+    missed, change = rng.standard_normal((2, len(rows), windows.entries))
+    columns = [Columns(Hypothesis(("world",), (GroundHeight("world", 0.01),), (0.0,)), np.array([[0.01]]), change[None])]
+    told, off = Evidence(windows, windows, DEFAULT), missed.copy()
+    off[[3, 7]] += 12 * change[[3, 7]]
+    assert told.chance(off, columns, rows)[0] < 0.01
+    assert told.chance(off, columns, rows, agreed=True)[0] > 0.05
+    assert told.chance(missed + 2 * change, columns, rows, agreed=True)[0] < 0.01

@@ -80,17 +80,17 @@ def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path
     assert not found.effects
 
 
-@pytest.mark.parametrize("better", [[0.3, 0.3, -0.5], [0.3, 0.3, 0.3]])
+@pytest.mark.parametrize("better", [[0.3, 0.3, -0.5], [0.3, 0.3, 0.3], [0.1, 0.1, 0.1, 4.0, 0.1]])
 def test_windows_that_models_are_chosen_by_decide_beyond_chance(better: list[float], tossed: Tossed, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of three of them one took back gravity that is tilted, though the others were for it."""
+    """Of three of them one took back gravity that is tilted, though the others were for it; five were against a limit, one by so much that it was chance."""
     windows = made(tossed(tosses=4))
     settings = dataclasses.replace(DEFAULT, replay=dataclasses.replace(DEFAULT.replay, stretch=1))
     found = Hypothesis(("world",), (Gravity("world", (0.3, 0.0, -9.81)),), (0.0, 0.0, -9.81))
-    without = np.tile([1.0, -1.0], (3, 5))
+    without = np.tile([1.0, -1.0], (len(better), 5))
     left = without * np.exp(np.array(better))[:, None]
     nominal, chosen = Model((), (), without, 0.0), Model((found,), ((0.1, 0.0, -9.81),), left, -1.0)
     monkeypatch.setattr(pipeline, "model_of", lambda _, hypotheses, *rest: chosen if hypotheses else nominal)
-    answer = pipeline.chosen_by(windows, Answer(nominal, chosen, (nominal, chosen), (), np.arange(3), ()), settings)
+    answer = pipeline.chosen_by(windows, Answer(nominal, chosen, (nominal, chosen), (), np.arange(len(better)), ()), settings)
     assert answer.chosen is (nominal if min(better) > 0 else chosen)
 
 
