@@ -261,7 +261,7 @@ def windows_of(simulator: Simulator, recordings: Sequence[Recording], motions: S
     begin, places = unprimed(simulator, settings), []
     for number, (one, motion) in enumerate(zip(recordings, motions, strict=True)):
         last = len(one.time) - 1 - count
-        for slot in range(min(begin, last), last + 1, count):
+        for slot in range(max(0, min(begin, last)), last + 1, count):
             near = np.arange(slot, min(slot + min(reach, count), last + 1))
             calm = near[motion.misfit[near] < settings.calm]
             row = int(calm[0] if len(calm) else near[np.argmin(motion.misfit[near])])

@@ -143,7 +143,7 @@ class FreeSettings:
     interval: float = setting(4.5, "standard errors", "that a 95% interval reaches either way: 2.6 held 54 of 71, as simulators differ by more than steps")
     choosing: float = setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
     judged: int = setting(8, "models", "the best ones, are held against what models are chosen by")
-    against: float = setting(0.75, "share of these", "beyond it no chance is allowed for where another model describes them better")
+    against: float = setting(0.75, "share of these windows", "which another model describes better: beyond it no chance is allowed for")
     fast: float = setting(0.3, "m/s", "a change of speed within two rows either way from which a touch is an impact")
     slow: float = setting(0.05, "m/s", "below which a body that touches the ground is at rest, with the next")
     slow_turn: float = setting(0.3, "rad/s", "the same of its spin, and of joints")

@@ -80,6 +80,11 @@ def test_windows_of_motors_begin_where_what_these_held_before_hardly_counts(swun
     assert idle.first.min() < 3
 
 
+def test_recordings_of_motors_that_are_shorter_than_a_window_are_refused(swung: Tossed) -> None:
+    with pytest.raises(UserError, match="no recording is longer than a window of"):
+        windows_of(*measured(swung(falls=1)), replace(DEFAULT.free, window=0.5), 30)
+
+
 def test_a_prediction_repeats_whatever_was_predicted_before(windows: Windows) -> None:
     first = windows.residuals((), np.array([3, 5]))
     windows.residuals(HIDDEN, np.arange(8))
