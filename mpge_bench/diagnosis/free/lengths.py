@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,11 +76,7 @@ def longest(
     rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
     # Over a ground as many of the rig's own are linearised, too.
     pace = 0.0 if math.isinf(looking.deadline) else (2 if simulator.rig.ground else 1) * _taken(lambda: cut(free, 1)) / workers.jobs / free.window
-    for times in free.longer:
-        pieces = math.ceil(rows * simulator.period / (times * free.window))
-        if pieces * len(recordings) < free.repeats:
-            continue
-        longer = stretched(settings, rows // pieces * simulator.period)
+    for times, longer in _lengths(rows, simulator.period, len(recordings), settings):
         total = _affordable(longer, pace, looking)
         if times > shortest and total < free.repeats:
             continue
@@ -102,6 +98,15 @@ def longest(
             return Length(longer, kept, own(kept.part(kept.heads(free.repeats)), 1), shortened)
     total = max(_affordable(free, pace, looking), free.repeats)
     return Length(free, cut(free, total), own(cut(free, min(total, free.few)), 0))
+
+
+def _lengths(rows: int, period: float, recordings: int, settings: DiagnosisSettings) -> Iterator[tuple[float, FreeSettings]]:
+    """How many times as long as the shortest windows may be, and settings of as long ones, of which so many recordings of so many rows have enough."""
+    free = settings.free
+    for times in free.longer:
+        pieces = math.ceil(rows * period / (times * free.window))
+        if pieces * recordings >= free.repeats:
+            yield times, stretched(settings, rows // pieces * period)
 
 
 def _affordable(some: FreeSettings, pace: float, clock: Clock) -> int:
