@@ -27,9 +27,7 @@ from .conftest import Tossed
 from .test_windows import made
 
 #: Fewer windows than by default, and one effect at most, lest a test take minutes.
-QUICK = DiagnosisSettings(
-    replay=ReplaySettings(most=1), free=FreeSettings(few=16, windows=32, unseen_windows=12, tried=1, checked=3, polished=1)
-)
+QUICK = DiagnosisSettings(replay=ReplaySettings(most=1), free=FreeSettings(few=16, windows=32, unseen_windows=12, tried=1, checked=3, polished=1))
 
 
 @pytest.fixture(scope="module")
