@@ -202,7 +202,8 @@ class ContactFriction(OfModel):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        return [{"coefficient": share * scale.friction} for share in (0.25, 0.6, 1.5)] if scale.friction else []
+        # Where things slide and where they stick is no matter of proportion: what is faint shows beside a start that is.
+        return [{"coefficient": share * scale.friction} for share in (0.25, 0.6, 0.95, 1.5)] if scale.friction else []
 
     @classmethod
     def absent(cls, scale: Scale) -> list[float]:

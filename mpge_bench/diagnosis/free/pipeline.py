@@ -25,7 +25,6 @@ from mpge_bench.diagnosis.free.regimes import places
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.free.side_by_side import linearised
 from mpge_bench.diagnosis.free.simulator import simulator_of
-from mpge_bench.diagnosis.free.twins import twins
 from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
@@ -122,7 +121,7 @@ def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> 
 
 def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[Answer, Model]:
     """`answer` with all that describes windows as well as `settled`, its choice fitted to its end; and the plainest of them, which is the choice then."""
-    alike = {one.key: one for one in (*answer.equals, *twins(search, settled), settled)}
+    alike = {one.key: one for one in (*answer.equals, *search.twins(settled), settled)}
     chosen = min(alike.values(), key=plainness_of)
     equals = tuple(sorted((one for one in alike.values() if one is not chosen), key=plainness_of))
     models = {one.key: one for one in (*answer.models, *search.models.values())}

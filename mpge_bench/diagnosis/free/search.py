@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.side_by_side import relinearised
+from mpge_bench.diagnosis.free.twins import rivals
 from mpge_bench.diagnosis.free.windows import Windows
-from mpge_bench.diagnosis.transitions.choose import Search
+from mpge_bench.diagnosis.transitions.choose import Search, plainness_of
 from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, model_of, slopes_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
@@ -30,6 +31,10 @@ class FreeSearch(Search):
     evidence: Evidence = field(kw_only=True)
     #: That windows are linearised about.
     last: Model | None = None
+    #: Models with other hypotheses in the place of one of a model's, by the values of that model's.
+    beside: dict[tuple[object, ...], tuple[Model, ...]] = field(default_factory=dict)
+    #: Models beside which one more hypothesis was sought.
+    grown_from: set[object] = field(default_factory=set)
 
     def compared(self) -> Comparison:
         """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
@@ -107,6 +112,7 @@ class FreeSearch(Search):
 
         All models are judged by that from then on: those that were not as good are forgotten.
         """
+        self.grown_from.add(model.key)
         richer = super().taken_in(model)
         if richer is model or not self.is_smooth:
             return richer
@@ -137,11 +143,59 @@ class FreeSearch(Search):
         """What is found first, as drafted: the windows that come next are linearised about it."""
         return super().taken_in(super().first())
 
+    def explained(self) -> Model:
+        """See `Search`; where another hypothesis takes the place of one or several, more may be missing beside that than was beside these."""
+        model = super().explained()
+        seen: set[object] = set()
+        while self.is_smooth and model.hypotheses and model.key not in seen and not self.late("telling twins apart"):
+            seen.add(model.key)
+            model = self.contested(self.further(model))
+        return model
+
+    def further(self, model: Model) -> Model:
+        """`model` and what more is needed beside it, where nobody has looked yet."""
+        while model.key not in self.grown_from and len(model.hypotheses) < self.settings.most and not self.late("looking for effects"):
+            # What effects change beside what it took the place of is something else.
+            self.forget()
+            model = self.settled(model)
+            if not self.is_lacking(model, self.settings.exact_share):
+                break
+            model = self.taken_in(model)
+        return model
+
+    def contested(self, model: Model) -> Model:
+        """`model` or, once windows are linearised about it, a rival of no more parameters that describes them better, or as well and is plainer."""
+        free, model = self.evidence.settings.free, self.settled(model)
+        near = [one for one in self.rivals(model) if one.is_plausible and one.size <= model.size and one.description < model.description + free.contest]
+        # Those that are as good already first.
+        for one in sorted(near, key=lambda one: (not self.is_equal(one, model), plainness_of(one)))[: free.contested]:
+            if self.late("telling twins apart"):
+                break
+            windows, found = self.replay, self.settled(one)
+            if self.is_better(found, model) or (self.is_equal(found, model) and plainness_of(found) < plainness_of(model)):
+                return self._judged_anew(found)
+            self.replay, self.last = windows, model
+            # By what it comes to about its own starts it is no more an equal, or is one.
+            self.models[one.key] = found
+            self.beside[_named(model)] = tuple(found if other is one else other for other in self.rivals(model))
+        return model
+
+    def rivals(self, model: Model) -> tuple[Model, ...]:
+        """See `rivals`."""
+        if _named(model) not in self.beside:
+            self.beside[_named(model)] = rivals(self, model)
+        return self.beside[_named(model)]
+
+    def twins(self, model: Model) -> tuple[Model, ...]:
+        """The rivals of `model` that are as good, the plainest first."""
+        return tuple(sorted((one for one in self.rivals(model) if self.is_equal(one, model)), key=plainness_of))
+
     def settled(self, model: Model) -> Model:
         """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off."""
         free = self.evidence.settings.free
         if not model.hypotheses or not self.is_smooth or model is self.last:
             return model
+        idle = 0
         for turn in range(free.settled):
             if self.late("fitting the answer to its end"):
                 break
@@ -151,7 +205,9 @@ class FreeSearch(Search):
             gained, model = model.description - found.description, found
             _log.debug("settled %s: %.4g, %.3g", model.values, model.description, model.missed)
             # What starts take up bit by bit is not missed by the model, though it looks so.
-            if gained < self.settings.material and (moved <= free.still * standard_errors(self.replay, model, self.rows, self.settings)).all():
+            idle = idle + 1 if gained < self.settings.equal else 0
+            is_still = gained < self.settings.material and (moved <= free.still * standard_errors(self.replay, model, self.rows, self.settings)).all()
+            if is_still or idle == free.idle:
                 break
         self.last = model
         return model
@@ -174,3 +230,7 @@ class FreeSearch(Search):
         # What is faint is told along what effects change.
         self.know_all(model)
         return is_told()
+
+
+def _named(model: Model) -> tuple[object, ...]:
+    return model.key, model.values
