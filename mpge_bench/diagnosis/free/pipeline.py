@@ -77,7 +77,7 @@ def diagnose_free(
     if test.is_mismatch and not answer.chosen.hypotheses and not clock.late:
         test = search.agreed()
     where = places(search.evidence.target, motions, answer.nominal.residuals[:, : search.windows.slopes.shape[1]]) if test.is_mismatch else ()
-    settled = search.settled(answer.chosen)
+    settled = search.acting(search.settled(answer.chosen))
     answer, settled = beside_equals(search, answer, settled)
     unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
     result = concluded(search.replay, unseen, parts.unseen, answer, settled, test, where, _checks(recordings, rig, noise), settings, clock)

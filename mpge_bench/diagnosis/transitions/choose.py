@@ -68,7 +68,7 @@ class Search(Trials):
 
     def answer(self) -> Answer:
         """The whole search."""
-        chosen = self.told(self.plainer(self.explained()))
+        chosen = self.acting(self.told(self.plainer(self.explained())))
         # What has the answer in it and more is no other answer.
         others = (one for one in self.models.values() if one.hypotheses and not one.key >= chosen.key)
         equals = sorted((one for one in others if self.is_equal(one, chosen)), key=plainness_of)
@@ -319,6 +319,16 @@ class Search(Trials):
                 tried = model_of(self.replay, model.hypotheses, values, self.rows, self.settings)
                 if float(np.max(np.abs(tried.residuals - model.residuals))) < self.settings.exact:
                     self.models[model.key] = model = tried
+        return model
+
+    def acting(self, model: Model) -> Model:
+        """`model` without hypotheses that change nothing, as a rotor of no inertia: time was up before they were left out."""
+        whole = model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings)
+        for place in range(len(model.hypotheses)):
+            others, values = (own[:place] + own[place + 1 :] for own in (model.hypotheses, model.values))
+            less = model_of(self.replay, others, values, self.rows, self.settings)
+            if float(np.max(np.abs(less.residuals - whole.residuals))) < self.settings.exact:
+                return self.acting(self.add(less))
         return model
 
 

@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions import pipeline
 from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import compared, trust_in
-from mpge_bench.diagnosis.transitions.fit import standard_errors
+from mpge_bench.diagnosis.transitions.fit import model_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Scales, hypotheses, listed
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
@@ -153,6 +153,19 @@ def test_a_parameter_that_changes_nothing_is_left_where_it_is_absent() -> None:
     assert isinstance(effect, AttachedMass)
     assert (effect.mass, effect.x, effect.z) == pytest.approx((3.0, 0.15, 0.1), rel=1e-6)
     assert effect.y == 0.0
+
+
+def test_a_hypothesis_that_changes_nothing_is_no_part_of_an_answer() -> None:
+    """A rotor of 0 kg m² was named beside a weak motor and friction, when time was up before it was left out."""
+    search = searched(get_task("broken_hopper"), {"torque_gain"}, "thigh_joint", 60)
+    (gain,) = search.hypotheses
+    other = dataclasses.replace(gain, targets=("leg_joint",), starts=(TorqueGain("leg_joint", 0.5),))
+    model = model_of(search.replay, [gain, other], [(0.0,), (1.0,)], search.rows, search.settings)
+    assert search.acting(model).hypotheses == (gain,)
+    idle = model_of(search.replay, [gain, other], [(1.0,), (1.0,)], search.rows, search.settings)
+    assert search.acting(idle).hypotheses == ()
+    both = model_of(search.replay, [gain, other], [(0.0,), (0.9,)], search.rows, search.settings)
+    assert search.acting(both) is both
 
 
 @pytest.mark.slow
