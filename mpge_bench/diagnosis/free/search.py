@@ -33,8 +33,8 @@ class FreeSearch(Search):
     last: Model | None = None
     #: Models with other hypotheses in the place of one of a model's, by the values of that model's.
     beside: dict[tuple[object, ...], tuple[Model, ...]] = field(default_factory=dict)
-    #: Models beside which one more hypothesis was sought.
-    grown_from: set[object] = field(default_factory=set)
+    #: Models beside which one more hypothesis was sought, or none is missing.
+    looked_beside: set[object] = field(default_factory=set)
 
     def compared(self) -> Comparison:
         """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
@@ -112,7 +112,7 @@ class FreeSearch(Search):
 
         All models are judged by that from then on: those that were not as good are forgotten.
         """
-        self.grown_from.add(model.key)
+        self.looked_beside.add(model.key)
         richer = super().taken_in(model)
         if richer is model or not self.is_smooth:
             return richer
@@ -154,7 +154,7 @@ class FreeSearch(Search):
 
     def further(self, model: Model) -> Model:
         """`model` and what more is needed beside it, where nobody has looked yet."""
-        while model.key not in self.grown_from and len(model.hypotheses) < self.settings.most and not self.late("looking for effects"):
+        while model.key not in self.looked_beside and len(model.hypotheses) < self.settings.most and not self.late("looking for effects"):
             # What effects change beside what it took the place of is something else.
             self.forget()
             model = self.settled(model)
@@ -225,11 +225,14 @@ class FreeSearch(Search):
             fitted = self.taken(self.replay, seen, self.glance) if model.hypotheses and self.columns else None
             return self.evidence.chance(missed, self.columns.values(), self.glance, fitted)[0] < self.settings.leftover
 
-        if is_told() or self.columns or self.late("looking for effects"):
-            return is_told()
+        lacks = is_told()
         # What is faint is told along what effects change.
-        self.know_all(model)
-        return is_told()
+        if not lacks and not self.columns and not self.late("looking for effects"):
+            self.know_all(model)
+            lacks = is_told()
+        if not lacks:
+            self.looked_beside.add(model.key)
+        return lacks
 
 
 def _named(model: Model) -> tuple[object, ...]:

@@ -81,7 +81,7 @@ def test_more_is_sought_beside_what_nobody_has_looked_beside(tossed: Tossed) -> 
     (gravity,) = (one for one in search.hypotheses if one.kind is Gravity)
     found = search.further(search.fitted([gravity], [(0.3, 0.0, -9.81)]))
     assert {one.label for one in found.hypotheses} == {"gravity:world", "com_offset:brick"}
-    search.grown_from.add(found.key)
+    search.looked_beside.add(found.key)
     assert search.further(found) is found, "that has been looked beside"
 
 
