@@ -325,7 +325,7 @@ class Search(Trials):
         """`model` without hypotheses that change nothing, as a rotor of no inertia: time was up before they were left out."""
         whole = model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings)
         for place in range(len(model.hypotheses)):
-            others, values = (own[:place] + own[place + 1 :] for own in (model.hypotheses, model.values))
+            others, values = model.hypotheses[:place] + model.hypotheses[place + 1 :], model.values[:place] + model.values[place + 1 :]
             less = model_of(self.replay, others, values, self.rows, self.settings)
             if float(np.max(np.abs(less.residuals - whole.residuals))) < self.settings.exact:
                 return self.acting(self.add(less))
