@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from mpge_bench.diagnosis.transitions.choose import Search
@@ -19,11 +18,10 @@ def rivals(search: Search, model: Model) -> tuple[Model, ...]:
     """
     found: dict[object, Model] = {}
     replay = search.drafted(model)
-    for place, one in enumerate(model.hypotheses):
+    for one in model.hypotheses:
         if search.late("telling twins apart"):
             break
-        others = model.hypotheses[:place] + model.hypotheses[place + 1 :], model.values[:place] + model.values[place + 1 :]
-        for tried in _drafted(search, replay, model, one, others):
+        for tried in _drafted(search, replay, model, one):
             if search.late("telling twins apart"):
                 break
             rival = search.add(search.fitted(tried.hypotheses, tried.values))
@@ -31,11 +29,9 @@ def rivals(search: Search, model: Model) -> tuple[Model, ...]:
     return tuple(sorted(found.values(), key=lambda one: one.description))
 
 
-def _drafted(
-    search: Search, replay: Predictor, chosen: Model, one: Hypothesis, others: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]]
-) -> list[Model]:
-    """The `others` with what promises to stand for `one`, each fitted to few windows, those that come near."""
-    settings = search.settings
+def _drafted(search: Search, replay: Predictor, chosen: Model, one: Hypothesis) -> list[Model]:
+    """`chosen` with what promises to stand for `one`, each fitted to few windows, those that come near."""
+    settings, others = search.settings, chosen.without(one)
     before, whole = (model_of(replay, *model, search.glance, settings) for model in (others, (chosen.hypotheses, chosen.values)))
     # What has it in it and more is no other answer.
     more = [other for other in search.hypotheses if one.kind.name in other.kind.contains and other.targets == one.targets]

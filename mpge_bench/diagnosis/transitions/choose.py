@@ -265,9 +265,7 @@ class Search(Trials):
         for one in sorted(model.hypotheses, key=lambda one: -one.size):
             if len(model.hypotheses) < 2 or self.late("leaving out effects"):
                 break
-            rest = [(other, own) for other, own in zip(model.hypotheses, model.values, strict=True) if other is not one]
-            others, values = zip(*rest, strict=True)
-            less = self.add(self.fitted(others, values))
+            less = self.add(self.fitted(*model.without(one)))
             if not self.is_better(model, less):
                 model = less
         return model
@@ -303,9 +301,8 @@ class Search(Trials):
             for other in self.hypotheses:
                 if other.targets != one.targets or other.kind.name not in one.kind.plainer() or other.key in model.key or self.late("plainer effects"):
                     continue
-                pairs = [(kept, own) for kept, own in zip(model.hypotheses, model.values, strict=True) if kept is not one]
-                others, values = zip(*[*pairs, (other, _start(other, model, one))], strict=True)
-                tried = self.add(self.fitted(others, values))
+                others, values = model.without(one)
+                tried = self.add(self.fitted((*others, other), (*values, _start(other, model, one))))
                 if self.is_equal(tried, model):
                     return self.plainer(tried)
         return model
@@ -324,9 +321,8 @@ class Search(Trials):
     def acting(self, model: Model) -> Model:
         """`model` without hypotheses that change nothing, as a rotor of no inertia: time was up before they were left out."""
         whole = model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings)
-        for place in range(len(model.hypotheses)):
-            others, values = model.hypotheses[:place] + model.hypotheses[place + 1 :], model.values[:place] + model.values[place + 1 :]
-            less = model_of(self.replay, others, values, self.rows, self.settings)
+        for one in model.hypotheses:
+            less = model_of(self.replay, *model.without(one), self.rows, self.settings)
             if float(np.max(np.abs(less.residuals - whole.residuals))) < self.settings.exact:
                 return self.acting(self.add(less))
         return model

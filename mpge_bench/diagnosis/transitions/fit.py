@@ -84,6 +84,11 @@ class Model:
         """Number of parameters."""
         return sum(one.size for one in self.hypotheses)
 
+    def without(self, one: Hypothesis) -> tuple[tuple[Hypothesis, ...], tuple[tuple[float, ...], ...]]:
+        """Its other hypotheses than `one`, and their values."""
+        kept = [place for place, other in enumerate(self.hypotheses) if other is not one]
+        return tuple(self.hypotheses[place] for place in kept), tuple(self.values[place] for place in kept)
+
     @property
     def is_plausible(self) -> bool:
         """Whether all parameters are of a size that means something: a fit may end at a load of 20 g at 3 m, which stands in for what has no name."""
