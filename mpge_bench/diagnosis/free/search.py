@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.free.evidence import Evidence
+from mpge_bench.diagnosis.free.proportion import nearer
 from mpge_bench.diagnosis.free.side_by_side import relinearised
 from mpge_bench.diagnosis.free.twins import rivals
 from mpge_bench.diagnosis.free.windows import Windows
@@ -35,6 +36,8 @@ class FreeSearch(Search):
     beside: dict[tuple[object, ...], tuple[Model, ...]] = field(default_factory=dict)
     #: Models beside which one more hypothesis was sought, or none is missing.
     looked_beside: set[object] = field(default_factory=set)
+    #: What the model misses beside which columns are known, of the rows `glance`, with long steps.
+    left_beside: Array | None = None
 
     def compared(self) -> Comparison:
         """Whether there is anything to search for; where it is not plain to see, what all hypotheses change of many windows is looked at."""
@@ -65,7 +68,19 @@ class FreeSearch(Search):
     def know(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """See `Search`; with long steps."""
         coarse = replay.coarser()
-        super().know(coarse, model_of(coarse, model.hypotheses, model.values, self.glance, self.settings), hypotheses)
+        model = model_of(coarse, model.hypotheses, model.values, self.glance, self.settings)
+        self.left_beside = model.residuals
+        super().know(coarse, model, self.nearer(coarse, model, hypotheses) if self.is_smooth else hypotheses)
+
+    def nearer(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """`hypotheses` with starts that change windows by about as much as `model`, whose residuals are those of `glance`, misses: by more nothing tells."""
+        free = self.evidence.settings.free
+        few = np.unique(np.linspace(0, len(self.glance) - 1, free.shown).round().astype(int))
+        most = max(free.near, float(np.median(np.sqrt((model.residuals**2).mean(1)))))
+        seen = replace(model, residuals=model.residuals[few])
+        found: list[Hypothesis] = self.each(nearer, (replay, seen, self.glance[few], most), hypotheses)  # type: ignore[assignment]
+        near = {one.key: one for one in found}
+        return [near.get(one.key, one) for one in hypotheses]
 
     def is_more(self, one: Hypothesis, model: Model) -> bool:
         """See `Search`; what acts on several alike is no more than what acts on each, of which one was found."""
@@ -155,13 +170,20 @@ class FreeSearch(Search):
     def further(self, model: Model) -> Model:
         """`model` and what more is needed beside it, where nobody has looked yet."""
         while model.key not in self.looked_beside and len(model.hypotheses) < self.settings.most and not self.late("looking for effects"):
-            # What effects change beside what it took the place of is something else.
-            self.forget()
             model = self.settled(model)
+            if not self.is_known(model):
+                self.forget()
             if not self.is_lacking(model, self.settings.exact_share):
                 break
             model = self.taken_in(model)
         return model
+
+    def is_known(self, model: Model) -> bool:
+        """Whether the model beside which columns are known predicts what `model` does: beside what moves otherwise effects change something else."""
+        if self.left_beside is None or len(self.left_beside) != len(self.glance):
+            return False
+        left = self.replay.coarser().residuals(model.effects, self.glance)
+        return float(np.sqrt(((left - self.left_beside) ** 2).mean())) < self.evidence.settings.free.telling
 
     def contested(self, model: Model) -> Model:
         """`model` or, once windows are linearised about it, a rival of no more parameters that describes them better, or as well and is plainer."""

@@ -109,6 +109,7 @@ class FreeSettings:
     looking: float = setting(0.3, "share of the time that is left", "windows are cut for: where the simulator is slow there are fewer")
     repeated: float = setting(1.25, "standard deviations", "that the rig misses at most of a window that it made itself and is said to repeat")
     far: float = setting(30.0, "standard deviations", "missed of a tenth of the windows, beyond which they are shortened: nothing is in proportion any more")
+    near: float = setting(3.0, "standard deviations", "that starts change windows by, or as much as is missed: more is not in proportion")
     enough: float = setting(0.8, "share", "of the windows that the rig has to repeat: the others are left out")
     repeats: int = setting(12, "windows", "by which that is judged, and that there are at least: fewer are no test of chance")
     telling: float = setting(1.0, "standard deviations", "what an effect changes of a window by less is not seen there")
