@@ -12,13 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.effects import ContactCompliance, Effect, JointSpring, Restitution
+from mpge_bench.envs.effects import Armature, ContactCompliance, Effect, JointSpring, Restitution, RotorScale
 from mpge_bench.envs.effects.world import GROUND
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.model import Model
 
 #: What `diagnose` writes beside its report, where it can.
 MODELS = ("corrected.urdf", "corrected.xml")
+#: Mass, kg, and inertia, kg m², of what has none, for MuJoCo, which takes no less than 1e-15.
+_LEAST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -47,19 +49,38 @@ def exported(rig: Rig, path: Path, effects: Sequence[Effect] = ()) -> Exported:
     """`rig`, corrected by `effects`, as the file `path`, a URDF file or, ending in .xml, one in MuJoCo's format.
 
     Raises:
-        UserError: for another ending, a robot of the benchmark, where MuJoCo is needed and not installed, or does not take the mechanism.
+        UserError: for another ending, links in closed loops, where MuJoCo is needed and not installed, or does not take the mechanism.
     """
-    if rig.robot:
-        raise UserError(f"{rig.path}: only rigs with a model file of their own can be exported")
+    if rig.robot and rig.robot.loops:
+        raise UserError(f"{rig.path}: the {rig.robot.name}'s legs are closed loops, for which URDF has no place; it cannot be exported")
     if path.suffix == ".urdf":
-        model = rig.model.copy()
-        left_out = _written(rig.chain(effects), model)
+        model = _believed(rig)
+        left_out = _written(_chain(rig, effects), model)
         for mesh in model.meshes():
             mesh.set("filename", os.path.relpath(mesh.attrib["filename"], path.resolve().parent))
         return Exported(_told(ET.fromstring(model.text()), left_out), left_out)
     if path.suffix == ".xml":
         return _mjcf(rig, effects, path.resolve().parent)
     raise UserError(f"{path}: give a file that ends in .urdf, or in .xml for MuJoCo's format")
+
+
+def _believed(rig: Rig) -> Model:
+    """The model of `rig`, to be written to; a link of a robot of the benchmark rubs with the product of its coefficient and the ground's, as Bullet has it."""
+    model = rig.model.copy()
+    if rig.robot and rig.robot.friction is not None:
+        for link in model.touching():
+            model.set_friction(link, rig.robot.friction * model.friction(link))
+    return model
+
+
+def _chain(rig: Rig, effects: Sequence[Effect]) -> list[Effect]:
+    """All that acts, in order; the rotors of a robot of the benchmark, too, which are built into its world, as large as `effects` say."""
+    acting = rig.acting(effects)
+    rotors = dict(rig.robot.armature) if rig.robot else {}
+    for one in acting:
+        if isinstance(one, RotorScale):
+            rotors[one.target] *= one.factor
+    return [*(one for one in acting if not isinstance(one, RotorScale)), *(Armature(joint, inertia) for joint, inertia in rotors.items() if inertia)]
 
 
 def _written(effects: Sequence[Effect], model: Model) -> tuple[Effect, ...]:
@@ -72,15 +93,17 @@ def _mjcf(rig: Rig, effects: Sequence[Effect], folder: Path) -> Exported:
         mujoco: Any = importlib.import_module("mujoco")
     except ImportError as error:
         raise UserError("MuJoCo's format needs MuJoCo: pip install 'mpge_bench[mjcf]'") from error
-    model = rig.model.copy()
+    model = _believed(rig)
     if not rig.ground:
         model.strip_geometry()
     # MuJoCo heeds efforts, this simulator and most others do not.
     model.forget_efforts()
-    further = _written(rig.chain(effects), model)
+    further = _written(_chain(rig, effects), model)
     model.tell_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(model.text().decode())
+        # What carries a link along one axis of several may have no mass; MuJoCo asks for some.
+        spec.compiler.boundmass, spec.compiler.boundinertia = _LEAST, _LEAST
         spec.compile()
     except ValueError as error:
         raise UserError(f"{rig.model.path}: MuJoCo does not take it ({one_line(error)})") from error
