@@ -41,7 +41,7 @@ from mpge_bench.envs.effects import (
 )
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
-from tests.diagnosis.conftest import ARM, write_rig
+from tests.diagnosis.conftest import write_rig
 from tests.diagnosis.free.conftest import BRICK, RIG
 
 mujoco = pytest.importorskip("mujoco")
