@@ -12,6 +12,7 @@ from pathlib import Path
 from reprlib import repr as shortly
 from typing import Any, Protocol
 
+from mpge_bench.cores import cores
 from mpge_bench.diagnosis.verdict.result import SCHEMA
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.reading import json_of, reading
@@ -143,14 +144,27 @@ class Diagnoser(Protocol):
 
 
 class Ours:
-    """`mpge_bench diagnose`."""
+    """`mpge_bench diagnose`.
+
+    Attributes:
+        jobs: processes of each diagnosis.
+    """
+
+    jobs = 1
 
     def __call__(self, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> Answer:
         """See `Diagnoser`."""
         from mpge_bench.diagnosis.pipeline import diagnose_files
 
-        diagnose_files(rig, [str(one) for one in recordings], out, seconds=seconds, jobs=1)
+        diagnose_files(rig, [str(one) for one in recordings], out, seconds=seconds, jobs=self.jobs)
         return answer_of(out)
+
+
+class OnAllCores(Ours):
+    """The same with all cores for each case, one case after another (`--jobs 1`): how long somebody waits who has one machine diagnosed."""
+
+    def __init__(self) -> None:
+        self.jobs = cores()
 
 
 def answer_of(out: Path) -> Answer:

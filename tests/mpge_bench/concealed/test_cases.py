@@ -13,12 +13,15 @@ import pytest
 import yaml
 
 from mpge_bench import concealed
+from mpge_bench.concealed import answer
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
 from mpge_bench.concealed.draw import FLOATING, GEOMETRY, KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, places, visible
 from mpge_bench.concealed.make import _made, _recorded, _system
 from mpge_bench.concealed.mechanism import Array, Case, Rig
 from mpge_bench.concealed.score import Truth, cases_of, score
 from mpge_bench.concealed.summary import lines
+from mpge_bench.cores import cores
+from mpge_bench.diagnosis import pipeline
 from mpge_bench.envs.effects import CATALOGUE
 from mpge_bench.envs.errors import UserError
 
@@ -269,6 +272,15 @@ def test_our_own_answers_are_read_from_diagnosis_json(tmp_path: Path) -> None:
     assert found.laws == [("periodic_torque", "shoulder")]
     assert found.equals == [[("mass_scale", "lower"), ("gravity", "world")]]
     assert Answer.from_json(found.to_json()) == found
+
+
+@pytest.mark.parametrize(("name", "processes"), [("Ours", 1), ("OnAllCores", cores())])
+def test_ours_takes_one_core_a_case_or_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, processes: int) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(pipeline, "diagnose_files", lambda *given, jobs, **named: asked.append(jobs))
+    monkeypatch.setattr(answer, "answer_of", lambda out: None)
+    diagnoser(f"mpge_bench.concealed.answer:{name}")(tmp_path / "rig.yaml", [], tmp_path, 10.0)
+    assert asked == [processes]
 
 
 def test_a_diagnoser_is_a_class_without_arguments() -> None:
