@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.proportion import nearer
-from mpge_bench.diagnosis.free.side_by_side import relinearised
+from mpge_bench.diagnosis.free.side_by_side import relinearised, restarted
 from mpge_bench.diagnosis.free.twins import rivals
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.transitions.choose import Search, plainness_of
@@ -221,7 +221,11 @@ class FreeSearch(Search):
         for turn in range(free.settled):
             if self.late("fitting the answer to its end"):
                 break
-            self.replay = relinearised(self.workers, self.windows, model.effects, anew=turn == 0)
+            # After two turns it moves by little, and derivatives are what they are.
+            if turn < free.relinearised:
+                self.replay = relinearised(self.workers, self.windows, model.effects, anew=turn == 0)
+            else:
+                self.replay = restarted(self.workers, self.windows, model.effects)
             found = self.fitted(model.hypotheses, model.values)
             moved = np.abs(Parameters.vector(found.values) - Parameters.vector(model.values))
             gained, model = model.description - found.description, found

@@ -22,6 +22,11 @@ def relinearised(workers: Workers, windows: Windows, effects: Sequence[Effect], 
     return _each(workers, _relinearised, (effects, anew), windows)
 
 
+def restarted(workers: Workers, windows: Windows, effects: Sequence[Effect]) -> Windows:
+    """`windows` as `Windows.restarted` has them."""
+    return _each(workers, _restarted, (effects,), windows)
+
+
 def _each(workers: Workers, work: Callable[..., Windows], shared: tuple[Any, ...], windows: Windows) -> Windows:
     """`work(*shared, part)` of a part of the `windows` for each process, put together again."""
     rows = np.arange(len(windows))
@@ -34,3 +39,7 @@ def _linearised(effects: Sequence[Effect], windows: Windows) -> Windows:
 
 def _relinearised(effects: Sequence[Effect], anew: bool, windows: Windows) -> Windows:
     return windows.relinearised(effects, anew=anew)
+
+
+def _restarted(effects: Sequence[Effect], windows: Windows) -> Windows:
+    return windows.restarted(effects)

@@ -181,6 +181,17 @@ class Windows:
             best, least = replace(best, shift=shift, slopes=np.where(nearer[:, None, None], other.slopes, best.slopes)), np.minimum(cost, least)
         return best
 
+    def restarted(self, effects: Sequence[Effect]) -> Windows:
+        """The same windows from the starts to which the derivatives that they have lead, but for those of which more is missed from there.
+
+        Where effects have moved by little since they were linearised that is what `relinearised` leads to, for a few predictions in the place of dozens.
+        """
+        every = np.arange(len(self))
+        here = self._missed_from(self.shift, effects, every)
+        shift = self._stepped(here)
+        nearer = self._cost(self._missed_from(shift, effects, every), shift) <= self._cost(here, self.shift)
+        return replace(self, shift=np.where(nearer[:, None], shift, self.shift))
+
     def _cost(self, missed: Array, shift: Array) -> Array:
         """What `_likelier` lowers, where so much is `missed` from the starts at `shift`, shape (windows,)."""
         missed, pinned = np.nan_to_num(missed, nan=self.settings.worst), self.settings.pinned

@@ -140,6 +140,7 @@ class FreeSettings:
     difference: float = setting(0.1, "share of a parameter", "for derivatives: with a hundredth, fits stop at the jerks of single contacts")
     sought: int = setting(2, "steps", "from recorded starts to the likeliest ones, where derivatives are known")
     settled: int = setting(8, "times", "at most, the answer is fitted again about what starts change beside it")
+    relinearised: int = setting(2, "times", "of these derivatives are worked out anew, then only starts: a look's worth of predictions each time")
     contested: int = setting(2, "rivals", "with another effect in the place of one, the plainest, are fitted about what starts change beside them, too")
     contest: float = setting(0.01, "nats an entry", "by which such a rival may describe worse before that")
     still: float = setting(0.3, "standard errors", "by which that moves no parameter any more")

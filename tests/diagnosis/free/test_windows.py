@@ -165,3 +165,16 @@ def test_imagined_windows_are_followed_by_derivatives_that_are_known(swung: Toss
     assert np.sqrt((imagined.missed(imagined.from_recorded(()), every) ** 2).mean()) > 2
     quick, whole = (one.residuals((), every) for one in (imagined.sought(), imagined.linearised()))
     assert quick == pytest.approx(whole, abs=0.1)
+
+
+def test_starts_follow_what_is_fitted_by_the_derivatives_that_they_have(swung: Tossed) -> None:
+    """As near as with derivatives worked out anew, where what is fitted has moved by little."""
+    windows, near = made(swung(falls=2), 6), TorqueGain("hinge", 0.98)
+    windows = windows.linearised()
+    every = np.arange(len(windows))
+    before, after, anew = (
+        one._cost(one._missed_from(one.shift, [near], every), one.shift) for one in (windows, windows.restarted([near]), windows.relinearised([near]))
+    )
+    assert (after <= before).all()
+    assert after.sum() < before.sum()
+    assert after.sum() == pytest.approx(anew.sum(), rel=0.02)
