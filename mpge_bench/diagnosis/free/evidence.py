@@ -72,12 +72,17 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
     """What is `missed` along an effect's `change`, shapes (windows, entries), in standard deviations of what noise makes of it.
 
     What is missed by far counts less, and so does a window whose change is far larger than the others', lest one of them decide; 0 where it shows in a few.
+    Of windows that are missed by far as a whole the one that speaks for it most does not count: one that jumps misses dozens of standard deviations of anything.
     """
-    each, length = _told(missed, change, settings)
+    each, length, tells = _told(missed, change, settings)
     if len(each) < settings.shown:
         return 0.0
     share = length / np.hypot(length, np.median(length))
-    return float((each * share).sum() / np.linalg.norm(share))
+    spoken = each * share
+    strongest = int(np.argmax(spoken * np.sign(spoken.sum())))
+    if np.sqrt((missed[tells][strongest] ** 2).mean()) > settings.outlying:
+        spoken, share = np.delete(spoken, strongest), np.delete(share, strongest)
+    return float(spoken.sum() / np.linalg.norm(share))
 
 
 def scatter(missed: Array, change: Array, settings: FreeSettings) -> float:
@@ -85,18 +90,18 @@ def scatter(missed: Array, change: Array, settings: FreeSettings) -> float:
 
     Where that is more than noise, something else is missed, as where two simulators' laws of contact differ: it has this effect's direction by chance alone.
     """
-    each, length = _told(missed, change, settings)
+    each, length, _ = _told(missed, change, settings)
     if len(each) < settings.shown:
         return 0.0
     return float(np.linalg.norm(each - (each @ length) / (length @ length) * length) / np.sqrt(len(each) - 1))
 
 
-def _told(missed: Array, change: Array, settings: FreeSettings) -> tuple[Array, Array]:
-    """What each window that tells misses along its `change`, and how large that is, in standard deviations of the noise, shapes (windows,)."""
+def _told(missed: Array, change: Array, settings: FreeSettings) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """What each window that tells misses along its `change`, and how large that is, in standard deviations of the noise, and which windows tell."""
     weights = _weights(missed, settings)
     length = np.sqrt((change**2 * weights).sum(1))
     tells = length > settings.telling
-    return (missed * change * weights).sum(1)[tells] / length[tells], length[tells]
+    return (missed * change * weights).sum(1)[tells] / length[tells], length[tells], tells
 
 
 def _weights(missed: Array, settings: FreeSettings) -> Array:

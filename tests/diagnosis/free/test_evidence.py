@@ -45,6 +45,18 @@ def test_one_window_does_not_decide() -> None:
     assert along(missed, change, DEFAULT.free) == 0.0, "what one window shows is no law"
 
 
+def test_one_window_that_jumps_speaks_for_nothing() -> None:
+    """Beside the dead motor of a hopper one window of eight missed 15 standard deviations, 17 of them along a late motor that is not there."""
+    rng = np.random.default_rng(3)
+    missed, change = rng.standard_normal(SHAPE), rng.standard_normal(SHAPE)
+    change[1] += 8
+    missed[1] += 15
+    assert abs(along(missed, change, DEFAULT.free)) < 4
+    # What several show is a law, however far they are missed.
+    missed[:3] += 5 * change[:3]
+    assert along(missed, change, DEFAULT.free) > 6
+
+
 def test_an_effect_that_changes_nothing_is_not_missed() -> None:
     assert along(np.ones(SHAPE), np.zeros(SHAPE), DEFAULT.free) == 0.0
 
@@ -80,7 +92,7 @@ def test_where_nothing_explains_windows_have_to_agree(tossed: Tossed, monkeypatc
     missed, change = rng.standard_normal((2, len(rows), windows.entries))
     columns = [Columns(Hypothesis(("world",), (GroundHeight("world", 0.01),), (0.0,)), np.array([[0.01]]), change[None])]
     told, off = Evidence(windows, windows, DEFAULT), missed.copy()
-    off[[3, 7]] += 12 * change[[3, 7]]
+    off[[3, 7, 9]] += 12 * change[[3, 7, 9]]
     assert told.chance(off, columns, rows)[0] < 0.01
     assert told.chance(off, columns, rows, agreed=True)[0] > 0.05
     assert told.chance(missed + 2 * change, columns, rows, agreed=True)[0] < 0.01
