@@ -72,7 +72,7 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
     """What is `missed` along an effect's `change`, shapes (windows, entries), in standard deviations of what noise makes of it.
 
     What is missed by far counts less, and so does a window whose change is far larger than the others', lest one of them decide; 0 where it shows in a few.
-    Of windows that are missed by far as a whole the one that speaks for it most does not count: one that jumps misses dozens of standard deviations of anything.
+    Of windows that are missed by far as a whole the one that speaks for it most does not count: one that jumps misses dozens of them of anything.
     """
     each, length, tells = _told(missed, change, settings)
     if len(each) < settings.shown:
