@@ -203,7 +203,7 @@ class ContactFriction(OfModel):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         # Where things slide and where they stick is no matter of proportion: what is faint shows beside a start that is.
-        return [{"coefficient": share * scale.friction} for share in (0.25, 0.6, 0.95, 1.5)] if scale.friction else []
+        return [{"coefficient": share * scale.friction} for share in (0.25, 0.6, 0.95, 1.05, 1.5)] if scale.friction else []
 
     @classmethod
     def absent(cls, scale: Scale) -> list[float]:

@@ -72,7 +72,8 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
     """What is `missed` along an effect's `change`, shapes (windows, entries), in standard deviations of what noise makes of it.
 
     What is missed by far counts less, and so does a window whose change is far larger than the others', lest one of them decide; 0 where it shows in a few.
-    Of windows that are missed by far as a whole the one that speaks for it most does not count: one that jumps misses dozens of them of anything.
+    Where the window that speaks for it most is missed by far whatever of it there is, it does not count: one that jumps misses dozens of standard deviations of
+    anything.
     """
     each, length, tells = _told(missed, change, settings)
     if len(each) < settings.shown:
@@ -80,9 +81,15 @@ def along(missed: Array, change: Array, settings: FreeSettings) -> float:
     share = length / np.hypot(length, np.median(length))
     spoken = each * share
     strongest = int(np.argmax(spoken * np.sign(spoken.sum())))
-    if np.sqrt((missed[tells][strongest] ** 2).mean()) > settings.outlying:
+    if _rest(missed[tells][strongest], change[tells][strongest]) > settings.outlying:
         spoken, share = np.delete(spoken, strongest), np.delete(share, strongest)
     return float(spoken.sum() / np.linalg.norm(share))
+
+
+def _rest(missed: Array, change: Array) -> float:
+    """What is `missed` of a window, both shaped (entries,), with as much of `change` as lowers it most, root mean square."""
+    rest = missed - (missed @ change) / (change @ change) * change
+    return float(np.sqrt((rest**2).mean()))
 
 
 def scatter(missed: Array, change: Array, settings: FreeSettings) -> float:
