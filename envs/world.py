@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
-from mpge_bench.envs.engine import BULLET_DATA, bullet, link_names, load_urdf
+from mpge_bench.envs.engine import BULLET_DATA, bullet, kills, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.layout import BASE_DQ, BASE_Q, Layout
 from mpge_bench.envs.model import Ground, Model, rotor_of
@@ -289,6 +289,9 @@ class World:
             hidden.inertia = self._inertia_of(joint)
 
     def _load(self, text: bytes, model: Model, *, fixed: bool = False) -> int:
+        for mesh in {Path(shape.attrib["filename"]) for shape in model.meshes()}:
+            if mesh.suffix.lower() == ".dae" and mesh.is_file() and kills(mesh, mesh.stat().st_mtime_ns):
+                raise UserError(f"{mesh}: PyBullet dies of this COLLADA file; give a whole one, or the shape as .obj or .stl")
         try:
             return load_urdf(text, self._client, fixed=fixed or not model.floating, flags=bullet.URDF_USE_INERTIA_FROM_FILE)
         except bullet.error as error:

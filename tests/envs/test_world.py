@@ -31,6 +31,7 @@ from mpge_bench.envs.effects import (
     SensorDelay,
     TorqueGain,
 )
+from mpge_bench.envs.engine import BULLET_DATA
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots import Minitaur
@@ -475,6 +476,24 @@ def test_unknown_joints_and_links_are_refused(settings: dict[str, Any], says: st
     with pytest.raises(UserError, match=says) as error:
         World(MODELS / "inverted_pendulum.urdf", timestep=0.005, **settings)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("cut", [None, 4000, 0])
+def test_a_shape_that_pybullet_dies_of_is_refused(tmp_path: Path, cut: int | None) -> None:
+    """It read COLLADA files that are not whole with a segmentation fault."""
+    shape, whole = tmp_path / "cone.dae", (BULLET_DATA / "racecar/meshes/cone.dae").read_bytes()
+    shape.write_bytes(b"<COLLADA/>" if cut == 0 else whole[:cut])
+    path = tmp_path / "cone.urdf"
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    path.write_text(
+        f'<robot name="cone"><link name="a"><inertial><mass value="1"/>{inertia}</inertial>'
+        '<collision><geometry><mesh filename="cone.dae"/></geometry></collision></link></robot>'
+    )
+    if cut == 0:
+        with pytest.raises(UserError, match=r"cone\.dae: PyBullet dies of this COLLADA file"):
+            World(Model(path, floating=True), timestep=0.01, substeps=1)
+    else:
+        World(Model(path, floating=True), timestep=0.01, substeps=1)
 
 
 @pytest.mark.parametrize("content", [None, "", '<robot name="cut off">', '<robot name="empty"></robot>', "<html></html>"])
