@@ -70,9 +70,9 @@ class FreeSearch(Search):
         coarse = replay.coarser()
         model = model_of(coarse, model.hypotheses, model.values, self.glance, self.settings)
         self.left_beside = model.residuals
-        super().know(coarse, model, self.nearer(coarse, model, hypotheses) if self.is_smooth else hypotheses)
+        super().know(coarse, model, self.in_proportion(coarse, model, hypotheses) if self.is_smooth else hypotheses)
 
-    def nearer(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def in_proportion(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """`hypotheses` with starts that change windows by about as much as `model`, whose residuals are those of `glance`, misses: by more nothing tells."""
         free = self.evidence.settings.free
         few = np.unique(np.linspace(0, len(self.glance) - 1, free.shown).round().astype(int))
