@@ -72,6 +72,11 @@ class FreeSearch(Search):
         self.left_beside = model.residuals
         super().know(coarse, model, self.in_proportion(coarse, model, hypotheses) if self.is_smooth else hypotheses)
 
+    def checked_anyway(self, model: Model) -> int:
+        """See `Search`; all that there is time for beside what misses so much that nothing is in proportion, and first looks tell next to nothing."""
+        is_far = float(np.median(np.sqrt((model.residuals**2).mean(1)))) > self.evidence.settings.free.far
+        return self.settings.checked if is_far else super().checked_anyway(model)
+
     def in_proportion(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """`hypotheses` with starts that change windows by about as much as `model`, whose residuals are those of `glance`, misses: by more nothing tells."""
         free = self.evidence.settings.free

@@ -193,13 +193,17 @@ class Search(Trials):
             several = together(glance, [one for one in plain if one.hypothesis.kind is kind], settings, refit)
             found += [several] if several else []
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
-        found = [one for place, one in enumerate(found) if place < settings.checked_anyway or one.gain > settings.close * found[0].gain]
+        found = [one for place, one in enumerate(found) if place < self.checked_anyway(glance) or one.gain > settings.close * found[0].gain]
         again: list[Look] = self.each(looked_again, (replay, few, self.few, settings, self.refit(replay, few, self.few)), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
         _log.debug("looks %s", [(one.label, round(one.gain, 3)) for one in again])
         checked = {one.hypotheses for one in again}
         return [*again, *[one for one in found if one.hypotheses not in checked][: settings.tried // 2]]
+
+    def checked_anyway(self, model: Model) -> int:
+        """How many hypotheses are looked at a second time beside `model`, however little they promise."""
+        return self.settings.checked_anyway
 
     def turns(self) -> list[list[Hypothesis]]:
         """In which hypotheses are looked at: those of one parameter come first, since none can be plainer."""

@@ -71,3 +71,12 @@ def test_half_a_physics_step_is_no_news_beside_a_motor_that_lags(swung: Tossed) 
     assert np.linalg.norm(left) < 0.1 * np.linalg.norm(late)
     assert search.is_more(known["delay"], lagging)
     assert not search.is_more(known["lag"], lagging)
+
+
+def test_beside_what_is_far_off_more_is_looked_at_twice(swung: Tossed) -> None:
+    """A walker's torso of 2.8 times its mass was the sixteenth of first looks, that all promised next to nothing, and by far the best of second ones."""
+    windows, settings = made(swung(falls=2), 6).linearised(), _for_windows(DEFAULT, 100)
+    search = FreeSearch(windows, [], Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
+    near, far = (model_of(windows, (), (), search.every, search.settings) for _ in range(2))
+    far = dataclasses.replace(far, residuals=far.residuals + 100)
+    assert search.checked_anyway(near) == search.settings.checked_anyway < search.settings.checked == search.checked_anyway(far)
