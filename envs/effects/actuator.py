@@ -132,6 +132,10 @@ class Delay(_Late):
         longest = min(scale.duration / 2, cls.parameters["seconds"].high)
         return [{"seconds": seconds} for seconds in (0.004, 0.012, 0.03, *(0.06 * (1 + np.arange(int(longest / 0.06)))).tolist())]
 
+    def is_plausible(self, scale: Scale) -> bool:
+        # A motor that waits for longer than anything is known of it is a dead one.
+        return self.seconds <= scale.duration / 2
+
 
 @dataclass(frozen=True)
 class Latency(_Late):

@@ -53,7 +53,8 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
         mass=1.0,
         length=size,
         period=simulator.period,
-        duration=min(one.duration for one in recordings),
+        # Of delays half of it is looked for: longer ones would ask for commands of before what windows remember, which are none.
+        duration=min(2 * simulator.remembered * simulator.period, *(one.duration for one in recordings)),
         gravity=model.gravity or rig.gravity,
     )
     found: dict[str, Scale] = {}

@@ -69,3 +69,13 @@ def test_what_is_faint_is_in_proportion_to_a_start(tossed: Tossed) -> None:
     faint = changed(0.985 * friction.absent[0])  # type: ignore[index]
     alike = [float((faint * changed(start.coefficient)).sum()) for start in friction.starts]  # type: ignore[attr-defined]
     assert max(alike) > 0.6, alike
+
+
+def test_no_delay_is_longer_than_what_windows_remember_of_commands(swung: Tossed) -> None:
+    """The dead motor of a recorded half-cheetah was said to be .66 s late: windows know .4 s of commands before they begin, and none before that."""
+    simulator, recordings, motions, _ = measured(swung(falls=2))
+    (delay,) = (one for one in hypotheses(simulator, recordings, motions, DEFAULT) if one.label == "delay:hinge")
+    known = simulator.remembered * simulator.period
+    assert max(start.seconds for start in delay.starts) <= known  # type: ignore[attr-defined]
+    assert delay.is_plausible([min(known, 0.5 * recordings[0].duration) - 0.01])
+    assert not delay.is_plausible([known + 0.01])
