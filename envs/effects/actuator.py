@@ -134,7 +134,7 @@ class Delay(_Late):
 
     def is_plausible(self, scale: Scale) -> bool:
         # A motor that waits for longer than anything is known of it is a dead one.
-        return self.seconds <= scale.duration / 2
+        return self.seconds <= scale.duration / 2 and super().is_plausible(scale)
 
 
 @dataclass(frozen=True)
