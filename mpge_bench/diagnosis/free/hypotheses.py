@@ -56,6 +56,7 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
         # Of delays half of it is looked for: longer ones would ask for commands of before what windows remember, which are none.
         duration=min(2 * simulator.remembered * simulator.period, *(one.duration for one in recordings)),
         gravity=model.gravity or rig.gravity,
+        step=simulator.step,
     )
     found: dict[str, Scale] = {}
     for column, joint in enumerate(rig.joints):
