@@ -74,14 +74,14 @@ class FreeSearch(Search):
 
     def checked_anyway(self, model: Model) -> int:
         """See `Search`; all that there is time for beside what misses so much that nothing is in proportion, and first looks tell next to nothing."""
-        is_far = float(np.median(np.sqrt((model.residuals**2).mean(1)))) > self.evidence.settings.free.far
+        is_far = _usual(model) > self.evidence.settings.free.far
         return self.settings.checked if is_far else super().checked_anyway(model)
 
     def in_proportion(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """`hypotheses` with starts that change windows by about as much as `model`, whose residuals are those of `glance`, misses: by more nothing tells."""
         free = self.evidence.settings.free
         few = np.unique(np.linspace(0, len(self.glance) - 1, free.shown).round().astype(int))
-        most = max(free.near, float(np.median(np.sqrt((model.residuals**2).mean(1)))))
+        most = max(free.near, _usual(model))
         seen = replace(model, residuals=model.residuals[few])
         found: list[Hypothesis] = self.each(nearer, (replay, seen, self.glance[few], most), hypotheses)  # type: ignore[assignment]
         near = {one.key: one for one in found}
@@ -264,6 +264,11 @@ class FreeSearch(Search):
         if not lacks:
             self.looked_beside.add(model.key)
         return lacks
+
+
+def _usual(model: Model) -> float:
+    """What `model` misses of a window, root mean square, at the median."""
+    return float(np.median(np.sqrt((model.residuals**2).mean(1))))
 
 
 def _named(model: Model) -> tuple[object, ...]:

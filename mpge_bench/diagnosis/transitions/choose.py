@@ -193,7 +193,8 @@ class Search(Trials):
             several = together(glance, [one for one in plain if one.hypothesis.kind is kind], settings, refit)
             found += [several] if several else []
         found = sorted(found, key=lambda one: -one.gain)[: settings.checked]
-        found = [one for place, one in enumerate(found) if place < self.checked_anyway(glance) or one.gain > settings.close * found[0].gain]
+        anyway = self.checked_anyway(glance)
+        found = [one for place, one in enumerate(found) if place < anyway or one.gain > settings.close * found[0].gain]
         again: list[Look] = self.each(looked_again, (replay, few, self.few, settings, self.refit(replay, few, self.few)), found)  # type: ignore[assignment]
         # The first look goes by proportion, which leads astray where changes are large; the second goes by the simulator, where a start may be far off.
         again = sorted(again, key=lambda one: -one.gain)[: settings.tried]
