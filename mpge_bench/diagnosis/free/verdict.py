@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.recording import Recording
+from mpge_bench.diagnosis.free.held_out import Left
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer
@@ -30,6 +31,7 @@ def concluded(
     recordings: Sequence[Recording],
     answer: Answer,
     settled: Model,
+    left: Left,
     test: Comparison,
     where: Sequence[Place],
     checks: Sequence[str],
@@ -42,6 +44,7 @@ def concluded(
         fitted: windows that models were fitted to.
         unseen: windows of `recordings`, at which nobody has looked.
         settled: what was chosen, fitted to its end; the others are not.
+        left: what it leaves of held-out windows.
     """
     chosen = answer.chosen
     before, after = (_off(unseen, model.effects) for model in (answer.nominal, settled))
@@ -61,10 +64,12 @@ def concluded(
             return None
 
     verdict = verdict_of(settled, test, exact=False)
+    if verdict == "explained" and left.is_much(settings):
+        verdict = "partly_explained"
     fit = _accuracy(unseen, before, after, told)
     named = bounded(fitted, settled, answer.rows, settings)
     equals = confused(settled, answer.equals, settings)
-    lines = _summary(verdict, test, [said(*one) for one in named], fit, told, where, answer)
+    lines = _summary(verdict, test, [said(*one) for one in named], fit, told, left, where, answer)
     return DiagnosisResult(
         verdict,
         test.p_value,
@@ -138,7 +143,7 @@ def _accuracy(windows: Windows, before: Array, after: Array, told: str) -> Accur
 
 
 def _summary(
-    verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, told: str, where: Sequence[Place], answer: Answer
+    verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, told: str, left: Left, where: Sequence[Place], answer: Answer
 ) -> tuple[str, ...]:
     held = fit.held_out
     error = f"Held-out prediction error of the {told}, {fit.horizon:.2g} s ahead: "
@@ -154,6 +159,9 @@ def _summary(
     lines.append("It shows in: " + ", ".join(f"{one.name} ({100 * one.share:.0f}%)" for one in where) + ".")
     if verdict == "partly_explained":
         lines.append("Named physics explains only part of it.")
+        if left.missed:
+            share = f"Of {left.windows} held-out windows {left.missed}"
+            lines.append(f"{share} {'are' if left.missed > 1 else 'is'} missed by more than the noise wherever they began: what is left may show there alone.")
     if answer.equals:
         lines.append(f"These recordings cannot tell it from: {'; '.join(label_of(one) for one in answer.equals[:3])}.")
     if answer.cut and named:

@@ -155,6 +155,8 @@ class FreeSettings:
     touch: float = setting(0.003, "m", "from the ground, up to which a body touches it: tables are no planes")
     windows: int = setting(240, "windows", "of what is searched on, at most: a second or two of simulator for each model")
     unseen_windows: int = setting(160, "windows", "that are held out, at most")
+    held: int = setting(40, "windows", "of these, from whose likeliest starts it is seen whether the answer predicts them: to find these takes long")
+    missable: float = setting(0.1, "share", "of those, that an answer may miss and be said to explain the recordings: a contact may come a step sooner")
     pinned: float = setting(5.0, "standard deviations", "what is missed by more hardly moves the start of a window in which contacts bend what it becomes")
     likely: float = setting(3.0, "standard deviations", "starts lie at most from what was recorded, where the simulator is linearised")
     outlying: float = setting(5.0, "standard deviations", "what is missed by more counts less where it is told whether anything is missed")
