@@ -76,7 +76,11 @@ def longest(
     rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
     # Over a ground as many of the rig's own are linearised, too.
     pace = 0.0 if math.isinf(looking.deadline) else (2 if simulator.rig.ground else 1) * _taken(lambda: cut(free, 1)) / workers.jobs / free.window
-    for times, longer in _lengths(rows, simulator.period, len(recordings), settings):
+    lengths = list(_lengths(rows, simulator.period, len(recordings), settings))
+    # What the rig does not repeat for a short time it does not for a longer one.
+    if lengths and repeats(cut(lengths[-1][1], free.repeats)).mean() < free.enough:
+        lengths = []
+    for times, longer in lengths:
         total = _affordable(longer, pace, looking)
         if times > shortest and total < free.repeats:
             continue

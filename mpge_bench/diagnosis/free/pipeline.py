@@ -66,12 +66,16 @@ def diagnose_free(
 
     search, others, shortened = begun()
     test = search.compared()
-    while shortened and test.is_mismatch and not clock.late:
-        # What is faint shows in long windows alone, and these answer in proportion beside what is large.
+    while (shortened or not search.is_smooth) and test.is_mismatch and not clock.late:
+        # What is faint shows in long windows alone, and these answer in proportion beside what is large; what sticks on level ground slides on a slope.
         before, found = search.found, search.begun()
         if len(found.hypotheses) == (len(before.hypotheses) if before else 0):
             break
-        search, others, shortened = begun(found)
+        beside = begun(found)
+        if not beside[0].is_smooth:
+            search.found = found
+            break
+        search, others, shortened = beside
     answer = search.answer() if test.is_mismatch else search.nothing()
     settings = search.evidence.settings
     answer = chosen_by(linearised(workers, others, answer.chosen.effects) if search.is_smooth else others, answer, settings)

@@ -62,8 +62,8 @@ class FreeSearch(Search):
         self.know(self.replay, model, [one for one in self.hypotheses if one.key not in model.key])
 
     def drafted(self, model: Model) -> Predictor:
-        """See `Search`; with long steps in smooth windows."""
-        return self.windows.quicker(model.effects) if self.is_smooth else self.windows
+        """See `Search`; with long steps."""
+        return self.windows.quicker(model.effects)
 
     def know(self, replay: Predictor, model: Model, hypotheses: Sequence[Hypothesis]) -> None:
         """See `Search`; with long steps."""

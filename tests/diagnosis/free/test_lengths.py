@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.free import lengths
 from mpge_bench.diagnosis.free.lengths import longest, stretched
+from mpge_bench.diagnosis.free.side_by_side import linearised
+from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings
-from mpge_bench.envs.effects import JointSpring
+from mpge_bench.envs.effects import Effect, JointSpring
 
 from .conftest import UNHURRIED, Tossed
 from .test_windows import made, measured
@@ -50,6 +53,19 @@ def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
 @pytest.mark.slow
 def test_what_tumbles_over_a_ground_is_not(tossed: Tossed) -> None:
     assert lengthened(tossed()).window <= DEFAULT.free.window
+
+
+def test_where_the_rig_does_not_repeat_the_shortest_windows_no_longer_ones_are_cut(tossed: Tossed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a walking robot that took as long as two looks at all hypotheses."""
+    looked_at: list[float] = []
+
+    def cut(workers: Workers, windows: Windows, effects: Sequence[Effect] = ()) -> Windows:
+        looked_at.append(windows.settings.window)
+        return linearised(workers, windows, effects)
+
+    monkeypatch.setattr(lengths, "linearised", cut)
+    assert longest(*measured(tossed()), DiagnosisSettings(free=FreeSettings(enough=1.0)), Workers(1), UNHURRIED).settings.window == DEFAULT.free.window
+    assert max(looked_at) <= DEFAULT.free.window
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.free import pipeline
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
+from mpge_bench.diagnosis.free.lengths import Length, longest
 from mpge_bench.diagnosis.free.pipeline import _for_windows
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files
@@ -55,6 +57,26 @@ def test_errors_are_told_of_the_joints_where_these_miss_most(sprung: Diagnosis) 
     assert held.before is not None
     assert held.after < held.before / 5
     assert any(line.startswith("Held-out prediction error of the joints") for line in sprung.summary)
+
+
+@pytest.mark.slow
+def test_beside_what_was_found_windows_that_the_rig_alone_does_not_repeat_are_cut_anew(swung: Tossed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three feet that stick on level ground slide on a slope: beside a ground's tilt an arm's centre of mass was called a load, by windows of .1 s."""
+    folder: Path = swung(HIDDEN[1:], falls=8)
+    beside: list[tuple[Effect, ...]] = []
+
+    def cut(*given: Any) -> Length:
+        beside.append(given[-1])
+        found = longest(*given)
+        # As if the rig alone repeated not even the shortest.
+        return found if given[-1] else dataclasses.replace(found, settings=DEFAULT.free)
+
+    monkeypatch.setattr(pipeline, "longest", cut)
+    monkeypatch.setattr(pipeline, "hypotheses", lambda *given: [one for one in hypotheses(*given) if one.kind is JointSpring])
+    result = diagnose_files(folder / "rig.yaml", [str(folder / "fall_*.csv")], tmp_path, jobs=1).result
+    assert [len(effects) for effects in beside] == [0, 1]
+    assert [one.effect for one in result.effects] == ["joint_spring"]
+    assert result.fit.horizon > 1.5 * DEFAULT.free.window
 
 
 def test_half_a_physics_step_is_no_news_beside_a_motor_that_lags(swung: Tossed) -> None:
