@@ -101,9 +101,14 @@ class Windows:
         return 1
 
     def coarser(self) -> Windows:
-        """The same, predicted with longer steps where the simulator is slow, for what effects change: by motors, which are asked at each step."""
-        coarse, joints = self.settings.coarse, self.simulator.rig.joints
-        return replace(self, simulator=self.simulator.coarser(coarse), settings=replace(self.settings, coarse=1)) if joints and coarse > 1 else self
+        """The same, predicted with longer steps where the simulator is slow, for what effects change: by motors, which are asked at each step.
+
+        A robot of the benchmark has steps of its own, whatever is asked for, and half of what effects change of a walker would be another with longer ones.
+        """
+        rig, coarse = self.simulator.rig, self.settings.coarse
+        if not rig.joints or rig.robot or coarse == 1:
+            return self
+        return replace(self, simulator=self.simulator.coarser(coarse), settings=replace(self.settings, coarse=1))
 
     def quicker(self, effects: Sequence[Effect]) -> Windows:
         """The same, predicted with longer steps, and put right by what these change beside `effects`."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from mpge_bench.diagnosis.data.checks import read_recordings
@@ -15,7 +16,7 @@ from mpge_bench.diagnosis.free.motion import Motion, Noise, motion_of, noise_of
 from mpge_bench.diagnosis.free.simulator import Simulator, simulator_of
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DEFAULT, FreeSettings
-from mpge_bench.envs.effects import ContactFriction, JointSpring, TorqueGain
+from mpge_bench.envs.effects import ContactFriction, JointSpring, Lag, TorqueGain
 from mpge_bench.envs.errors import UserError
 
 from .conftest import Tossed
@@ -144,6 +145,24 @@ def test_long_steps_put_right_are_short_steps(swung: Tossed) -> None:
     assert np.abs(missed - fine).max() > 5
     assert np.abs(quick.residuals(spring, every) - missed).max() < 0.05 * np.abs(missed - fine).max()
     assert quick.coarser() is quick
+
+
+def test_robots_of_the_benchmark_keep_their_steps(tmp_path: Path) -> None:
+    """Their worlds had short steps where windows were said to have long ones: motors went through a quarter of what they remember."""
+    (tmp_path / "rig.yaml").write_text("task: hopper\n")
+    rig, rng = read_rig(tmp_path / "rig.yaml"), np.random.default_rng(0)
+    robot = rig.robot
+    assert robot is not None
+    world, u = rig.world(), rng.uniform(-20, 20, (100, 3))
+    # Its three actuators are the last of its joints.
+    world.set_state(*robot.initial_state(rng))
+    q, dq = world.roll(np.concatenate((np.zeros((100, len(rig.joints) - 3)), u), 1))
+    names = ["time", *(f"u_{joint}" for joint in rig.driven), *rig.columns["q"], *rig.columns["dq"]]
+    pd.DataFrame(np.column_stack((robot.dt * np.arange(100), u, q, dq)), columns=names).to_csv(tmp_path / "hop.csv", index=False)
+    windows = made(tmp_path, 4)
+    assert windows.simulator.substeps > 1
+    assert windows.coarser() is windows
+    assert windows.quicker([Lag("thigh_joint", 0.03)]) is windows
 
 
 def test_windows_linearised_again_miss_what_they_say(swung: Tossed) -> None:
