@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,27 +20,32 @@ class Left:
     """What an answer leaves of held-out windows.
 
     Attributes:
-        missed: how many it misses by far more than their noise, though the simulator with it repeats its own ones.
+        missed: how many it misses by far more than their noise, from whichever start.
+        own: how many of as many that the simulator with it makes, and nobody else: contacts do not repeat.
         windows: how many were looked at.
     """
 
     missed: int
+    own: int
     windows: int
 
     def is_much(self, settings: DiagnosisSettings) -> bool:
-        """Whether these are more than a contact that comes a step sooner makes."""
-        return self.missed > settings.free.missable * self.windows
+        """Whether more are missed than a contact that comes a step sooner makes, and than the simulator's own are but for chance."""
+        chance = settings.replay.beyond_chance * math.sqrt(self.own)
+        return self.missed > self.own + chance + settings.free.missable * self.windows
 
 
 def left_of(workers: Workers, unseen: Windows, effects: Sequence[Effect], settings: DiagnosisSettings) -> Left:
     """What the simulator with `effects` leaves of `unseen`."""
     some = unseen.part(unseen.heads(settings.free.held))
-    found = _far_off(linearised(workers, some, effects), effects, settings)
-    if len(found):
+
+    def missed(windows: Windows) -> int:
+        found = _far_off(linearised(workers, windows, effects), effects, settings)
         # From there once more: it may have been the start.
-        found = _far_off(relinearised(workers, found, effects, anew=False), effects, settings)
-    erratic = _far_off(linearised(workers, found.imagined(0, effects), effects), effects, settings) if len(found) else found
-    return Left(len(found) - len(erratic), len(some))
+        return len(_far_off(relinearised(workers, found, effects, anew=False), effects, settings)) if len(found) else 0
+
+    count = missed(some)
+    return Left(count, missed(some.imagined(0, effects)) if count else 0, len(some))
 
 
 def _far_off(windows: Windows, effects: Sequence[Effect], settings: DiagnosisSettings) -> Windows:

@@ -85,14 +85,14 @@ def diagnose_free(
     settled = search.acting(search.settled(answer.chosen))
     answer, settled = beside_equals(search, answer, settled)
     unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
-    left = left_of(workers, unseen, settled.effects, settings) if settled.hypotheses else Left(0, 0)
+    left = left_of(workers, unseen, settled.effects, settings) if settled.hypotheses else Left(0, 0, 0)
     result = concluded(search.replay, unseen, parts.unseen, answer, settled, left, test, where, _checks(recordings, rig, noise), settings, clock)
     return result, settled.effects if result.effects else ()
 
 
 def _for_windows(settings: DiagnosisSettings, entries: int) -> DiagnosisSettings:
     """`settings` whose search is one over windows of so many `entries`, which are fewer than transitions and take longer."""
-    free, names = settings.free, ("screening", "fewest", "checked", "checked_anyway", "tried", "polished", "iterations", "iterations_polish", "walks")
+    free, names = settings.free, ("screening", "fewest", "checked", "checked_anyway", "tried", "polished", "iterations", "iterations_polish", "walks", "walked")
     own = {name: getattr(free, name) for name in (*names, "difference", "worst", "material", "equal", "faint", "standing_for", "jump")}
     search = replace(settings.replay, block=1, stretch=1, iterations_first=free.iterations, followed=0, room=settings.verdict.explained)
     search = replace(search, most_rows=free.few, drafted=free.few * entries, fitted=free.windows * entries)

@@ -64,12 +64,13 @@ def concluded(
             return None
 
     verdict = verdict_of(settled, test, exact=False)
-    if verdict == "explained" and left.is_much(settings):
+    rest = [_left(left)] if verdict == "explained" and left.is_much(settings) else []
+    if rest:
         verdict = "partly_explained"
     fit = _accuracy(unseen, before, after, told)
     named = bounded(fitted, settled, answer.rows, settings)
     equals = confused(settled, answer.equals, settings)
-    lines = _summary(verdict, test, [said(*one) for one in named], fit, told, left, where, answer)
+    lines = _summary(verdict, test, [said(*one) for one in named], fit, told, rest, where, answer)
     return DiagnosisResult(
         verdict,
         test.p_value,
@@ -143,7 +144,7 @@ def _accuracy(windows: Windows, before: Array, after: Array, told: str) -> Accur
 
 
 def _summary(
-    verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, told: str, left: Left, where: Sequence[Place], answer: Answer
+    verdict: str, test: Comparison, named: Sequence[str], fit: Accuracy, told: str, rest: Sequence[str], where: Sequence[Place], answer: Answer
 ) -> tuple[str, ...]:
     held = fit.held_out
     error = f"Held-out prediction error of the {told}, {fit.horizon:.2g} s ahead: "
@@ -159,14 +160,17 @@ def _summary(
     lines.append("It shows in: " + ", ".join(f"{one.name} ({100 * one.share:.0f}%)" for one in where) + ".")
     if verdict == "partly_explained":
         lines.append("Named physics explains only part of it.")
-        if left.missed:
-            share = f"Of {left.windows} held-out windows {left.missed}"
-            lines.append(f"{share} {'are' if left.missed > 1 else 'is'} missed by more than the noise wherever they began: what is left may show there alone.")
+        lines += rest
     if answer.equals:
         lines.append(f"These recordings cannot tell it from: {'; '.join(label_of(one) for one in answer.equals[:3])}.")
     if answer.cut and named:
         lines.append(f"The time budget cut short: {', '.join(answer.cut)}. This is the best answer so far.")
     return tuple(lines)
+
+
+def _left(left: Left) -> str:
+    missed = f"{left.missed} of {left.windows} held-out windows are missed by more than the noise wherever they began"
+    return f"{missed}, and {left.own} of as many that the corrected simulator made: what is left may show in these alone."
 
 
 def _trajectories(windows: Windows, recordings: Sequence[Recording], nominal: Sequence[Effect], chosen: Sequence[Effect]) -> tuple[Trajectory, ...]:

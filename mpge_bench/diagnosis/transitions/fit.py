@@ -255,7 +255,8 @@ def _walked(left: Callable[[Array], Array], at: Array, residuals: Array, unit: A
     Where single contacts make slopes rough, it leads on after least squares have come to a stop.
     """
     best = description(residuals, 0, settings)
-    for share, index in ((share, index) for share in settings.walks for index in range(len(at))):
+    walks = settings.walks if float(np.median(np.abs(residuals))) > settings.walked else ()
+    for share, index in ((share, index) for share in walks for index in range(len(at))):
         sign, turned = 1, False
         while True:
             trial = at.copy()
