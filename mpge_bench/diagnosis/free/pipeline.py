@@ -71,11 +71,9 @@ def diagnose_free(
         before, found = search.found, search.begun()
         if len(found.hypotheses) == (len(before.hypotheses) if before else 0):
             break
-        beside = begun(found)
-        if not beside[0].is_smooth:
-            search.found = found
+        search, others, shortened = begun(found)
+        if not search.is_smooth:
             break
-        search, others, shortened = beside
     answer = search.answer() if test.is_mismatch else search.nothing()
     settings = search.evidence.settings
     answer = chosen_by(linearised(workers, others, answer.chosen.effects) if search.is_smooth else others, answer, settings)

@@ -134,8 +134,11 @@ class FreeSearch(Search):
         """
         self.looked_beside.add(model.key)
         richer = super().taken_in(model)
-        if richer is model or not self.is_smooth:
+        if richer is model:
             return richer
+        if not self.is_smooth:
+            # What is not fitted to its end looks as if more were missing.
+            return self.add(self.settled(richer))
         rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
         found = self._judged_anew(self.settled(richer))
         before = self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings))
@@ -157,7 +160,9 @@ class FreeSearch(Search):
     def first(self) -> Model:
         """See `Search`; what was found in other windows is settled in these: beside what is off by a little in long windows all that pulls looks lacking."""
         first = super().first()
-        return self._judged_anew(self.settled(first)) if first.hypotheses and self.is_smooth and first is not self.last else first
+        if not first.hypotheses or first is self.last:
+            return first
+        return self._judged_anew(self.settled(first)) if self.is_smooth else self.add(self.settled(first))
 
     def begun(self) -> Model:
         """What is found first, as drafted: the windows that come next are linearised about it."""
@@ -218,10 +223,16 @@ class FreeSearch(Search):
         return tuple(sorted((one for one in self.rivals(model) if self.is_equal(one, model)), key=plainness_of))
 
     def settled(self, model: Model) -> Model:
-        """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off."""
+        """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off.
+
+        In windows with contacts, from starts that stay, for as long as that gains.
+        """
         free = self.evidence.settings.free
-        if not model.hypotheses or not self.is_smooth or model is self.last:
+        if not model.hypotheses or model is self.last:
             return model
+        if not self.is_smooth:
+            self.last = self.converged(model.hypotheses, model.values)
+            return self.last
         idle = 0
         for turn in range(free.settled):
             if self.late("fitting the answer to its end"):

@@ -34,9 +34,9 @@ def usual_differences(trials: Trials) -> Model | None:
     every = usual(trials.hypotheses)
     if not every or trials.late("fitting many effects at once"):
         return None
-    many = _converged(trials, every, _in_the_air(trials, every))
+    many = trials.converged(every, _in_the_air(trials, every))
     with trials.finely():
-        many = trials.add(_converged(trials, many.hypotheses, many.values))
+        many = trials.add(trials.converged(many.hypotheses, many.values))
         return _restored(trials, _thinned(trials, many), every)
 
 
@@ -118,18 +118,6 @@ class _Some:
         return self.replay.heads(total)
 
 
-def _converged(trials: Trials, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
-    """Fitted on for as long as that gains."""
-    model = trials.fitted(hypotheses, values, trials.workers)
-    while not trials.late("fitting many effects at once"):
-        further = trials.fitted(model.hypotheses, model.values, trials.workers)
-        _log.debug("%s: %.4g, %.3g", further.values, further.description, further.missed)
-        gained, model = model.description - further.description, further
-        if gained < trials.settings.material:
-            break
-    return model
-
-
 def _restored(trials: Trials, model: Model, every: Sequence[Hypothesis]) -> Model:
     """`model` with those of `every` that it needs after all.
 
@@ -143,7 +131,7 @@ def _restored(trials: Trials, model: Model, every: Sequence[Hypothesis]) -> Mode
         best = min(richer, key=lambda one: one.description, default=model)
         if not trials.is_better(best, model):
             return model
-        model = trials.add(_converged(trials, best.hypotheses, best.values))
+        model = trials.add(trials.converged(best.hypotheses, best.values))
     return model
 
 

@@ -121,6 +121,17 @@ class Trials:
         """To the end, from `values`."""
         return fitted(self.replay, hypotheses, values, self.rows, self.settings, self.settings.iterations_polish, workers)
 
+    def converged(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
+        """As `fitted`, in all processes, and on for as long as that gains."""
+        model = self.fitted(hypotheses, values, self.workers)
+        while not self.late("fitting the answer to its end"):
+            further = self.fitted(model.hypotheses, model.values, self.workers)
+            _log.debug("%s: %.4g, %.3g", further.values, further.description, further.missed)
+            gained, model = model.description - further.description, further
+            if gained < self.settings.material:
+                break
+        return model
+
 
 def fitted_beside(
     replay: Predictor,
