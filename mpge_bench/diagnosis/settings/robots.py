@@ -57,7 +57,7 @@ class ReplaySettings:
     jump: float = setting(20.0, "times what nine of ten rows that answer do not exceed", "beyond it is a jump, as of a contact that comes a step sooner")
     faint: float = setting(0.0, "spreads of a step's change", "no slope up to this is a jump, however much more than usual")
     answers: float = setting(1e-9, "share of the largest slope", "rows with less do not answer to a parameter at all")
-    converged: float = setting(1e-3, "share of the cost", "an iteration that gains less is the last")
+    converged: float = setting(1e-3, "share of the cost, nats an entry", "an iteration that gains less is the last, and so is a step of a walk")
     dampings: int = setting(4, "trials", "of shorter and shorter steps, each ten times as much damped, before a fit ends")
     dampings_first: int = setting(8, "trials", "the same in the first iteration")
     material: float = setting(0.01, "nats an entry", "an effect that explains less is not taken in")

@@ -18,6 +18,8 @@ from mpge_bench.envs.effects.vector import largest_of, with_parameters
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.int64]
+#: Of the largest eigenvalue: below it is rounding.
+_NOTHING = 1e-9
 
 
 class Pieces(Protocol):
@@ -220,13 +222,13 @@ def fitted(
     whole = Parameters(replay, tuple(hypotheses), rows, workers)
     low, high = whole.bounds
     at, unit, left = np.clip(whole.vector(values), low, high), whole.unit(values), whole.left
-    residuals, damping, difference = left(at), 1e-3, settings.difference
+    residuals, damping, difference, axes = left(at), 1e-3, settings.difference, np.eye(len(at))
     for iteration in range(iterations):
         if float(np.max(np.abs(residuals))) < settings.exact**2:
             break
         scale = settings.softness * scales_of(residuals, settings)
         gram, along = normal_equations(whole.slopes(residuals, at, unit, difference), residuals, settings)
-        cost, gained = _cost(residuals, scale), 0.0
+        cost, gained, axes = _cost(residuals, scale), 0.0, _axes_of(gram)
         # Nobody knows at first how far slopes lead.
         for _ in range(settings.dampings if iteration else settings.dampings_first):
             step = np.linalg.lstsq(gram + damping * np.diag(np.diagonal(gram) + 1e-300), along, rcond=1e-10)[0]
@@ -244,32 +246,38 @@ def fitted(
         unit = np.maximum(np.maximum(np.abs(at), 0.1 * unit), settings.least_component * whole.largest(at))
         if gained < settings.converged * cost:
             break
-    at, residuals = _walked(left, at, residuals, unit, low, high, settings)
+    at, residuals = _walked(left, at, residuals, unit * axes, low, high, settings)
     plain = tuple(tuple(own) for own in whole.parted(at))
     return Model(whole.hypotheses, plain, residuals, description(residuals, len(at), settings))
 
 
-def _walked(left: Callable[[Array], Array], at: Array, residuals: Array, unit: Array, low: Array, high: Array, settings: ReplaySettings) -> tuple[Array, Array]:
-    """Parameters and residuals after walking along one parameter after another for as long as the description shrinks, in the settings' `walks`.
+def _walked(left: Callable[[Array], Array], at: Array, residuals: Array, axes: Array, low: Array, high: Array, settings: ReplaySettings) -> tuple[Array, Array]:
+    """Parameters and residuals after walking along one of the `axes` after another for as long as the description shrinks, in the settings' `walks`.
 
-    Where single contacts make slopes rough, it leads on after least squares have come to a stop.
+    Where single contacts make slopes rough, it leads on after least squares have come to a stop. Axes are those along which parameters make up for each other
+    and across: along single ones a walk stops in the first narrow valley.
     """
     best = description(residuals, 0, settings)
     walks = settings.walks if float(np.median(np.abs(residuals))) > settings.walked else ()
-    for share, index in ((share, index) for share in walks for index in range(len(at))):
+    for share, axis in ((share, axis) for share in walks for axis in axes):
         sign, turned = 1, False
         while True:
-            trial = at.copy()
-            trial[index] = np.clip(at[index] + sign * share * unit[index], low[index], high[index])
+            trial = np.clip(at + sign * share * axis, low, high)
             found = left(trial)
             told = description(found, 0, settings)
-            if told < best:
+            if told < best - settings.converged:
                 at, residuals, best, turned = trial, found, told, True
             elif turned:
                 break
             else:
                 sign, turned = -1, True
     return at, residuals
+
+
+def _axes_of(gram: Array) -> Array:
+    """Along which parameters make up for each other and across, in their units, but for those along which nothing changes; shape (axes, parameters)."""
+    squares, axes = np.linalg.eigh(gram)
+    return np.asarray(axes.T[squares > _NOTHING * squares[-1]])
 
 
 def _cost(residuals: Array, scale: Array) -> float:
