@@ -18,7 +18,6 @@ from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.free.evidence import Evidence
-from mpge_bench.diagnosis.free.held_out import Left, left_of
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
 from mpge_bench.diagnosis.free.lengths import longest
 from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
@@ -83,8 +82,7 @@ def diagnose_free(
     settled = search.acting(search.settled(answer.chosen))
     answer, settled = beside_equals(search, answer, settled)
     unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
-    left = left_of(workers, unseen, settled.effects, settings) if settled.hypotheses else Left(0, 0, 0)
-    result = concluded(search.replay, unseen, parts.unseen, answer, settled, left, test, where, _checks(recordings, rig, noise), settings, clock)
+    result = concluded(search.replay, unseen, parts.unseen, answer, settled, test, where, _checks(recordings, rig, noise), settings, clock, workers)
     return result, settled.effects if result.effects else ()
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.recording import Recording
-from mpge_bench.diagnosis.free.held_out import Left
+from mpge_bench.diagnosis.free.held_out import Left, left_of
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.choose import Answer
@@ -31,12 +32,12 @@ def concluded(
     recordings: Sequence[Recording],
     answer: Answer,
     settled: Model,
-    left: Left,
     test: Comparison,
     where: Sequence[Place],
     checks: Sequence[str],
     settings: DiagnosisSettings,
     clock: Clock,
+    workers: Workers,
 ) -> DiagnosisResult:
     """The verdict on `answer`, with all that it rests on.
 
@@ -44,7 +45,6 @@ def concluded(
         fitted: windows that models were fitted to.
         unseen: windows of `recordings`, at which nobody has looked.
         settled: what was chosen, fitted to its end; the others are not.
-        left: what it leaves of held-out windows.
     """
     chosen = answer.chosen
     before, after = (_off(unseen, model.effects) for model in (answer.nominal, settled))
@@ -64,9 +64,9 @@ def concluded(
             return None
 
     verdict = verdict_of(settled, test, exact=False)
-    rest = [_left(left)] if verdict == "explained" and left.is_much(settings) else []
-    if rest:
-        verdict = "partly_explained"
+    rest: list[str] = []
+    if verdict == "explained" and (left := left_of(workers, unseen, settled.effects, settings)).is_much(settings):
+        verdict, rest = "partly_explained", [_left(left)]
     fit = _accuracy(unseen, before, after, told)
     named = bounded(fitted, settled, answer.rows, settings)
     equals = confused(settled, answer.equals, settings)
