@@ -51,9 +51,9 @@ def longest(
 ) -> Length:
     """The longest windows of which the rig repeats enough, as many fewer of them.
 
-    A force that is missed shows by the square of the time; what impacts make of an unknown start, and of laws of contact that differ, grows faster: windows in
-    which it has grown tell of nothing else. Beside a large mismatch windows are shorter, too: what starts and effects change of long ones beside the rig says
-    little of what they change beside the answer. Where the rig repeats too few of even the shortest, all of these are taken as they are.
+    A force that is missed shows by the square of the time; what impacts make of an unknown start, and of laws of contact that differ, grows faster. Beside a
+    large mismatch windows are shorter, too: what changes of long ones beside the rig says little of what does beside the answer. Where the rig repeats too few
+    of even the shortest, no longer ones are looked at, and all of these are taken as they are.
 
     Args:
         clock: of the whole diagnosis; windows are looked at for a share of what is left, and so many are taken as there is time for.
@@ -71,16 +71,14 @@ def longest(
         some = own(windows, 0) if simulator.rig.ground else windows.imagined(0, effects).sought(effects)
         return _missed(some, effects) < free.repeated
 
-    free, shortened = settings.free, False
-    looking, shortest = clock.within(free.looking), min(free.longer)
+    free, shortened, shortest = settings.free, False, min(settings.free.longer)
+    looking = clock.within(free.looking)
     rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
     # Over a ground as many of the rig's own are linearised, too.
     pace = 0.0 if math.isinf(looking.deadline) else (2 if simulator.rig.ground else 1) * _taken(lambda: cut(free, 1)) / workers.jobs / free.window
     lengths = list(_lengths(rows, simulator.period, len(recordings), settings))
-    # What the rig does not repeat for a short time it does not for a longer one.
-    if lengths and repeats(cut(lengths[-1][1], free.repeats)).mean() < free.enough:
-        lengths = []
-    for times, longer in lengths:
+    is_lost = bool(lengths) and repeats(cut(lengths[-1][1], free.repeats)).mean() < free.enough
+    for times, longer in [] if is_lost else lengths:
         total = _affordable(longer, pace, looking)
         if times > shortest and total < free.repeats:
             continue
@@ -94,8 +92,7 @@ def longest(
             shortened = True
             continue
         if len(some) < total:
-            some = cut(longer, total)
-            repeated = repeats(some)
+            repeated = repeats(some := cut(longer, total))
         kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.

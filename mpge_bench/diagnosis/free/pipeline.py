@@ -19,7 +19,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
-from mpge_bench.diagnosis.free.lengths import longest
+from mpge_bench.diagnosis.free.lengths import Length, longest
 from mpge_bench.diagnosis.free.motion import Noise, motion_of, noise_of
 from mpge_bench.diagnosis.free.regimes import places
 from mpge_bench.diagnosis.free.search import FreeSearch
@@ -52,30 +52,39 @@ def diagnose_free(
     given = simulator, parts.searched.recordings, motions, noise
     options = hypotheses(*given[:3], settings)
 
-    def begun(found: Model | None = None) -> tuple[FreeSearch, Windows, bool]:
-        """A search beside what was found, windows by which models are chosen, and whether those that the rig repeats are longer than these."""
+    def searching(length: Length, windows: Windows, found: Model | None = None) -> FreeSearch:
+        """A search on `windows`, beside what was found."""
         effects = found.effects if found else ()
-        length = longest(*given, settings, workers, clock, effects)
-        choosing = _choosing(length.windows, settings)
-        fitted = length.windows.part(~choosing)
-        own = _for_windows(replace(settings, free=length.settings), fitted.entries)
-        evidence = Evidence(fitted, length.own, own, effects)
-        search = FreeSearch(fitted, options, workers, clock, own.replay, advance, found=found, evidence=evidence)
-        return search, length.windows.part(choosing), length.shortened
+        own = _for_windows(replace(settings, free=length.settings), windows.entries)
+        evidence = Evidence(windows, length.own, own, effects)
+        return FreeSearch(windows, options, workers, clock, own.replay, advance, found=found, evidence=evidence)
 
-    search, others, shortened = begun()
+    def begun(found: Model | None = None) -> tuple[FreeSearch, Windows, Length]:
+        """A search beside what was found, windows by which models are chosen, and the length of both."""
+        length = longest(*given, settings, workers, clock, found.effects if found else ())
+        choosing = _choosing(length.windows, settings)
+        return searching(length, length.windows.part(~choosing), found), length.windows.part(choosing), length
+
+    search, others, length = begun()
     test = search.compared()
-    while (shortened or not search.is_smooth) and test.is_mismatch and not clock.late:
+    if not test.is_mismatch and not clock.late:
+        # What shows seldom may show in enough of all: of three windows in which a puck sticks one was kept to choose by.
+        whole = searching(length, length.windows)
+        test = whole.compared()
+        if test.is_mismatch:
+            search, others = whole, others.part(others.heads(0))
+    while (length.shortened or not search.is_smooth) and test.is_mismatch and not clock.late:
         # What is faint shows in long windows alone, and these answer in proportion beside what is large; what sticks on level ground slides on a slope.
         before, found = search.found, search.begun()
         if len(found.hypotheses) == (len(before.hypotheses) if before else 0):
             break
-        search, others, shortened = begun(found)
+        search, others, length = begun(found)
         if not search.is_smooth:
             break
     answer = search.answer() if test.is_mismatch else search.nothing()
     settings = search.evidence.settings
-    answer = chosen_by(linearised(workers, others, answer.chosen.effects) if search.is_smooth else others, answer, settings)
+    if len(others):
+        answer = chosen_by(linearised(workers, others, answer.chosen.effects) if search.is_smooth else others, answer, settings)
     if test.is_mismatch and not answer.chosen.hypotheses and not clock.late:
         test = search.agreed()
     where = places(search.evidence.target, motions, answer.nominal.residuals[:, : search.windows.slopes.shape[1]]) if test.is_mismatch else ()

@@ -51,8 +51,7 @@ def concluded(
     taken_back: tuple[str, ...] = ()
     if settled.hypotheses and is_worse(before, after, unseen, settings.replay.beyond_chance):
         taken_back = (f"{label_of(settled)} fits the other recordings, but predicts the held-out ones worse, and is taken back.",)
-        chosen = settled = answer.nominal
-        after = before
+        chosen, settled, after = answer.nominal, answer.nominal, before
 
     told = _most_missed(before, unseen)
     part, _ = _parts(unseen)[told]

@@ -115,7 +115,7 @@ class FreeSettings:
     enough: float = setting(0.8, "share", "of the windows that the rig has to repeat: the others are left out")
     repeats: int = setting(12, "windows", "by which that is judged, and that there are at least: fewer are no test of chance")
     telling: float = setting(1.0, "standard deviations", "what an effect changes of a window by less is not seen there")
-    tested: float = setting(1000.0, "s", "of motion are predicted to see whether anything is missed along what effects change")
+    tested: float = setting(2000.0, "s", "of motion are predicted to see whether anything is missed along what effects change")
     shown: int = setting(3, "windows", "at least, in which an effect is seen: what one impact did is no law")
     allowed: float = setting(2.0, "times the noise", "that is missed along an effect where there is none: two simulators' laws of contact are not the same")
     allowed_beside: float = setting(1.25, "times the noise", "the least of it beside what was found; more, where windows do not agree on the effect")
