@@ -13,11 +13,12 @@ from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.recording import errors
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.free import pipeline
+from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files, simulated
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, FreeSettings, ReplaySettings
 from mpge_bench.diagnosis.transitions.choose import Answer
-from mpge_bench.diagnosis.transitions.evidence import likeness
+from mpge_bench.diagnosis.transitions.evidence import Comparison, likeness
 from mpge_bench.diagnosis.transitions.fit import Model
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.envs.effects import ContactFriction, Gravity
@@ -76,6 +77,22 @@ def test_nothing_is_found_where_nothing_is_hidden(tossed: Tossed, tmp_path: Path
     assert found.result.verdict == "no_mismatch"
     assert found.result.p_value > DEFAULT.choose.significance
     assert not found.effects
+
+
+def test_where_nothing_is_seen_all_windows_are_looked_at(tossed: Tossed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A puck's friction showed in three windows of 24, of which one was kept to choose by."""
+    looked_at: list[int] = []
+
+    def compared(search: FreeSearch) -> Comparison:
+        looked_at.append(len(search.windows))
+        return Comparison(0.5, False, False, 1.0, 1.5, "")
+
+    monkeypatch.setattr(FreeSearch, "compared", compared)
+    folder = tossed(tosses=6, ground=None)
+    result = diagnose_files(folder / "rig.yaml", [str(folder / "toss_*.csv")], tmp_path, jobs=1, settings=QUICK).result
+    few, all_of_them = looked_at
+    assert few < all_of_them
+    assert result.verdict == "no_mismatch"
 
 
 @pytest.mark.parametrize("better", [[0.3, 0.3, -0.5], [0.3, 0.3, 0.3], [0.1, 0.1, 0.1, 4.0, 0.1]])
