@@ -21,7 +21,7 @@ class Left:
 
     Attributes:
         missed: how many it misses by far more than their noise, from whichever start.
-        own: how many of as many that the simulator with it makes, and nobody else: contacts do not repeat.
+        own: how many it misses of as many that the simulator with it makes itself, since contacts do not repeat; 0 where none is missed.
         windows: how many were looked at.
     """
 
