@@ -222,13 +222,13 @@ def fitted(
     whole = Parameters(replay, tuple(hypotheses), rows, workers)
     low, high = whole.bounds
     at, unit, left = np.clip(whole.vector(values), low, high), whole.unit(values), whole.left
-    residuals, damping, difference, axes = left(at), 1e-3, settings.difference, np.eye(len(at))
+    residuals, damping, difference, gram = left(at), 1e-3, settings.difference, np.eye(len(at))
     for iteration in range(iterations):
         if float(np.max(np.abs(residuals))) < settings.exact**2:
             break
         scale = settings.softness * scales_of(residuals, settings)
         gram, along = normal_equations(whole.slopes(residuals, at, unit, difference), residuals, settings)
-        cost, gained, axes = _cost(residuals, scale), 0.0, _axes_of(gram)
+        cost, gained = _cost(residuals, scale), 0.0
         # Nobody knows at first how far slopes lead.
         for _ in range(settings.dampings if iteration else settings.dampings_first):
             step = np.linalg.lstsq(gram + damping * np.diag(np.diagonal(gram) + 1e-300), along, rcond=1e-10)[0]
@@ -246,7 +246,8 @@ def fitted(
         unit = np.maximum(np.maximum(np.abs(at), 0.1 * unit), settings.least_component * whole.largest(at))
         if gained < settings.converged * cost:
             break
-    at, residuals = _walked(left, at, residuals, unit * axes, low, high, settings)
+    if settings.walks and float(np.median(np.abs(residuals))) > settings.walked:
+        at, residuals = _walked(left, at, residuals, unit * _axes_of(gram), low, high, settings)
     plain = tuple(tuple(own) for own in whole.parted(at))
     return Model(whole.hypotheses, plain, residuals, description(residuals, len(at), settings))
 
@@ -258,8 +259,7 @@ def _walked(left: Callable[[Array], Array], at: Array, residuals: Array, axes: A
     and across: along single ones a walk stops in the first narrow valley.
     """
     best = description(residuals, 0, settings)
-    walks = settings.walks if float(np.median(np.abs(residuals))) > settings.walked else ()
-    for share, axis in ((share, axis) for share in walks for axis in axes):
+    for share, axis in ((share, axis) for share in settings.walks for axis in axes):
         sign, turned = 1, False
         while True:
             trial = np.clip(at + sign * share * axis, low, high)
