@@ -131,12 +131,19 @@ def chosen_by(windows: Windows, answer: Answer, settings: DiagnosisSettings) -> 
 
 
 def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[Answer, Model]:
-    """`answer` with all that describes windows as well as `settled`, its choice fitted to its end; and the plainest of them, which is the choice then."""
-    alike = {one.key: one for one in (*answer.equals, *search.twins(settled), settled)}
-    chosen = min(alike.values(), key=plainness_of)
-    equals = tuple(sorted((one for one in alike.values() if one is not chosen), key=plainness_of))
+    """`answer` with all that describes windows as well as `settled`, its choice fitted to its end; and the plainest of them, which is the choice then.
+
+    Of those of as many parameters what is told from its absence is plainer: a body of .05 to 19 times the mass says nothing that a friction of .453 does not.
+    """
+
+    def plainness(one: Model) -> tuple[object, ...]:
+        size, *rest = plainness_of(one)
+        return size, not search.is_told(one), *rest
+
+    alike = sorted({one.key: one for one in (*answer.equals, *search.twins(settled), settled)}.values(), key=plainness)
+    chosen, *equals = alike
     models = {one.key: one for one in (*answer.models, *search.models.values())}
-    return replace(answer, chosen=chosen, equals=equals, models=tuple(models.values()), cut=tuple(search.cut)), chosen
+    return replace(answer, chosen=chosen, equals=tuple(equals), models=tuple(models.values()), cut=tuple(search.cut)), chosen
 
 
 def _checks(recordings: Sequence[Recording], rig: Rig, noise: Noise) -> tuple[str, ...]:

@@ -222,6 +222,15 @@ class FreeSearch(Search):
         """The rivals of `model` that are as good, the plainest first."""
         return tuple(sorted((one for one in self.rivals(model) if self.is_equal(one, model)), key=plainness_of))
 
+    def is_told(self, model: Model) -> bool:
+        """Whether none of its hypotheses may be absent by its parameters' intervals."""
+        halves = iter(self.evidence.settings.verdict.interval * standard_errors(self.replay, model, self.rows, self.settings))
+        for one, values in zip(model.hypotheses, model.values, strict=True):
+            own = np.array([next(halves) for _ in values])
+            if one.absent is not None and (np.abs(np.array(values) - one.absent) <= own).all():
+                return False
+        return True
+
     def settled(self, model: Model) -> Model:
         """`model` fitted again about what starts change beside it, for as long as that moves parameters by more than chance: beside another it is off.
 

@@ -18,10 +18,11 @@ from mpge_bench.diagnosis.free.pipeline import _for_windows
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files
 from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.transitions.choose import Answer, plainness_of
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Scales, listed
 from mpge_bench.diagnosis.transitions.screen import Refit
-from mpge_bench.envs.effects import Delay, Effect, JointSpring, Lag, Scale, TorqueGain
+from mpge_bench.envs.effects import Delay, Effect, JointSpring, Lag, MassScale, Scale, TorqueGain
 
 from .conftest import UNHURRIED, Tossed
 from .test_windows import made
@@ -93,6 +94,22 @@ def test_half_a_physics_step_is_no_news_beside_a_motor_that_lags(swung: Tossed) 
     assert np.linalg.norm(left) < 0.1 * np.linalg.norm(late)
     assert search.is_more(known["delay"], lagging)
     assert not search.is_more(known["lag"], lagging)
+
+
+def test_of_equals_what_may_be_absent_comes_after_what_is_told(swung: Tossed) -> None:
+    """Of a puck's friction of .453, told to .001, and a body of .05 to 19 times its mass, the commoner physics, the body was said."""
+    windows, settings = made(swung([MassScale("arm", 1.5)], falls=2), 6).linearised(), _for_windows(DEFAULT, 100)
+    scales = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
+    known = {one.kind.name: one for one in listed([MassScale, TorqueGain], ["hinge"], ["hinge"], ["arm"], Scales({"hinge": scales}, {"arm": scales}, scales))}
+    search = FreeSearch(windows, list(known.values()), Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
+    heavy, weak = (model_of(windows, [known[name]], [(value,)], search.every, search.settings) for name, value in (("mass_scale", 1.5), ("torque_gain", 0.9999)))
+    assert plainness_of(weak) < plainness_of(heavy)
+    assert (search.is_told(heavy), search.is_told(weak)) == (True, False)
+    search.beside[weak.key, weak.values] = ()
+    nominal = search.nothing().nominal
+    answer, settled = pipeline.beside_equals(search, Answer(nominal, weak, (nominal,), (heavy,), search.rows, ()), weak)
+    assert settled is answer.chosen is heavy
+    assert answer.equals == (weak,)
 
 
 def test_beside_what_is_far_off_more_is_looked_at_twice(swung: Tossed) -> None:
