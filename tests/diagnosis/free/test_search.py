@@ -102,7 +102,8 @@ def test_of_equals_what_may_be_absent_comes_after_what_is_told(swung: Tossed) ->
     scales = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
     known = {one.kind.name: one for one in listed([MassScale, TorqueGain], ["hinge"], ["hinge"], ["arm"], Scales({"hinge": scales}, {"arm": scales}, scales))}
     search = FreeSearch(windows, list(known.values()), Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
-    heavy, weak = (model_of(windows, [known[name]], [(value,)], search.every, search.settings) for name, value in (("mass_scale", 1.5), ("torque_gain", 0.9999)))
+    given = ("mass_scale", 1.5), ("torque_gain", 0.9999)
+    heavy, weak = (model_of(windows, [known[name]], [(value,)], search.every, search.settings) for name, value in given)
     assert plainness_of(weak) < plainness_of(heavy)
     assert (search.is_told(heavy), search.is_told(weak)) == (True, False)
     search.beside[weak.key, weak.values] = ()
