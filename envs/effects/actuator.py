@@ -326,7 +326,8 @@ class TorqueLimit(Effect):
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         # Few commands may come near the largest one.
-        return [{"torque": torque} for torque in (0.9 * scale.limit, 0.6 * scale.limit, 0.35 * scale.limit, 1.2 * scale.torque, 0.6 * scale.torque)]
+        limits = [share * most for most in scale.limits for share in (0.9, 0.6, 0.35)]
+        return [{"torque": torque} for torque in (*limits, 1.2 * scale.torque, 0.6 * scale.torque)]
 
 
 @dataclass(frozen=True)
@@ -355,10 +356,10 @@ class BackEmfLimit(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        most, usual = scale.limit, scale.torque
-        limits = [(1.2 * most, 1.2), (0.8 * most, 1.5), (0.5 * most, 1.5), (0.5 * most, 0.8), (most, 3.0), (1.5 * usual, 1.5)]
+        shares = [(1.2, 1.2), (0.8, 1.5), (0.5, 1.5), (0.5, 0.8), (1.0, 3.0)]
         # A joint that is flung, or coasts, may be several times as fast as its motor drives it.
-        limits += [(torque * most, speed) for torque in (1.0, 4.0) for speed in (0.6, 0.4, 0.25, 0.15)]
+        shares += [(torque, speed) for torque in (1.0, 4.0) for speed in (0.6, 0.4, 0.25, 0.15)]
+        limits = [(1.5 * scale.torque, 1.5), *((share * most, speed) for most in scale.limits for share, speed in shares)]
         return [{"stall": torque, "no_load_speed": speed * scale.top_speed} for torque, speed in limits]
 
     def is_plausible(self, scale: Scale) -> bool:

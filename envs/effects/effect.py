@@ -91,6 +91,7 @@ class Scale:
         arm: from the origin of the link that carries this joint to it, m; 0 where no joint carries it.
         step: physics step of the simulator, s; 0 where nothing is said of it.
         shaken: whether the base's acceleration was recorded.
+        usual_limit: largest command of an ordinary recording, N m; 0 where nothing is said of it.
     """
 
     torque: float
@@ -116,6 +117,12 @@ class Scale:
     arm: float = 0.0
     step: float = 0.0
     shaken: bool = False
+    usual_limit: float = 0.0
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """The largest command, and that of an ordinary recording where it is far smaller: one may begin with a jerk of several times what is ever asked for."""
+        return (self.limit, self.usual_limit) if 0 < self.usual_limit < 0.6 * self.limit else (self.limit,)
 
     def is_instant(self, seconds: float) -> bool:
         """Whether simulators differ by as much, which move positions by the velocity at a step's end or in its middle."""

@@ -152,7 +152,8 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
     found = {}
     for column, joint in enumerate(rig.joints):
         servo = rig.servo(joint)
-        command = u[..., column] if rig.modes[joint] == "torque" else np.zeros(1)
+        is_torque = rig.modes[joint] == "torque"
+        command = u[..., column] if is_torque else np.zeros(1)
         links = [link for link in rig.model.moving_links() if joint in rig.model.carriers(link)]
         mass, centre, _ = rig.model.inertial(links[0]) if links else (1.0, np.array([0.1, 0, 0]), None)
         length = max(float(np.linalg.norm(centre)), least.least_length)
@@ -177,5 +178,6 @@ def scales(linear: LinearisedSimulator) -> dict[str, Scale]:
             arm=float(np.linalg.norm(rig.model.place(joint))) if carried[joint] else 0.0,
             step=rig.timestep,
             shaken=shaken,
+            usual_limit=float(np.median([np.abs(one.u[:, column]).max() for one in motion.recordings])) if is_torque else 0.0,
         )
     return found
