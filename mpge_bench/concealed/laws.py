@@ -73,18 +73,19 @@ def backlash(i: int, width: float, motor_inertia: float) -> Law:
     return motor_side(i, motor_inertia, transmit)
 
 
+#: From command to joint: one that stands later acts on what those before it deliver.
 ACTUATOR: dict[str, Callable[..., Law]] = {
+    "delay": delay,
+    "dead_zone": lambda i, torque: lambda tau, q, w, t: math.copysign(max(0.0, abs(tau) - torque), tau),
     "torque_gain": lambda i, gain: lambda tau, q, w, t: gain * tau,
+    "gain_drift": lambda i, rate: lambda tau, q, w, t: tau * (1 + rate * t),
     "torque_bias": lambda i, torque: lambda tau, q, w, t: tau + torque,
+    "torque_ripple": lambda i, torque, hz: lambda tau, q, w, t: tau + torque * math.sin(2 * math.pi * hz * t),
+    "lag": lag,
     "torque_limit": lambda i, torque: lambda tau, q, w, t: max(-torque, min(torque, tau)),
     "back_emf_limit": back_emf_limit,
-    "dead_zone": lambda i, torque: lambda tau, q, w, t: math.copysign(max(0.0, abs(tau) - torque), tau),
-    "delay": delay,
-    "lag": lag,
     "backlash": backlash,
     "joint_elasticity": lambda i, stiffness, damping, motor_inertia: motor_side(i, motor_inertia, lambda twist, rate: stiffness * twist + damping * rate),
-    "torque_ripple": lambda i, torque, hz: lambda tau, q, w, t: tau + torque * math.sin(2 * math.pi * hz * t),
-    "gain_drift": lambda i, rate: lambda tau, q, w, t: tau * (1 + rate * t),
 }
 JOINT: dict[str, Callable[..., Law]] = {
     "viscous_friction": lambda i, damping: lambda tau, q, w, t: -damping * w[i],

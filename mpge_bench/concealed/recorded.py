@@ -93,7 +93,8 @@ class Truth:
         self.rig = rig
         self.model, self.data = rig.real(effects)
         self.laws: dict[str, list[tuple[int, Law]]] = {"actuator": [], "joint": [], "dry": []}
-        for effect in effects:
+        places = {kind: place for place, kind in enumerate(ACTUATOR)}
+        for effect in sorted(effects, key=lambda one: places.get(one.kind, len(places))):
             for group, table in (("actuator", ACTUATOR), ("joint", JOINT), ("dry", DRY)):
                 if effect.kind in table:
                     i, values = rig.joints.index(effect.target), dict(effect.values)

@@ -13,11 +13,12 @@ import pytest
 import yaml
 
 from mpge_bench import concealed
-from mpge_bench.concealed import answer
+from mpge_bench.concealed import answer, recorded
 from mpge_bench.concealed.answer import Answer, Named, answer_of, diagnoser
 from mpge_bench.concealed.draw import FLOATING, GEOMETRY, KINDS, LEAST_VISIBLE, OUTSIDE, drawn, key_of, places, visible
+from mpge_bench.concealed.laws import ACTUATOR
 from mpge_bench.concealed.make import _made, _recorded, _system
-from mpge_bench.concealed.mechanism import Array, Case, Rig
+from mpge_bench.concealed.mechanism import Array, Case, Effect, Rig
 from mpge_bench.concealed.score import Truth, cases_of, score
 from mpge_bench.concealed.summary import lines
 from mpge_bench.cores import cores
@@ -88,6 +89,20 @@ def test_what_makes_cases_shares_nothing_with_what_diagnoses(name: str) -> None:
 def test_kinds_are_the_catalogue_s_or_outside_of_it() -> None:
     assert (KINDS | GEOMETRY | FLOATING).keys() <= CATALOGUE.keys()
     assert not [name for name in OUTSIDE if name in CATALOGUE and not CATALOGUE[name].is_formula]
+
+
+def test_motors_do_to_a_command_what_they_do_in_the_order_of_the_catalogue_whichever_was_drawn_first() -> None:
+    """A bias before a gain, as it was drawn, is another one behind it, where our simulator has it: the error of the true effects was that of false ones."""
+    order = [CATALOGUE[kind].place for kind in ACTUATOR if kind in CATALOGUE]
+    assert order == sorted(order)
+    case = Case("c0000", "pend", [], [])
+    rig = Rig(case, np.random.default_rng(0))
+    both = [Effect("torque_bias", rig.joints[0], {"torque": 1.0}), Effect("torque_gain", rig.joints[0], {"gain": 0.5})]
+    for effects in (both, both[::-1]):
+        torque = 2.0
+        for _, law in recorded.Truth(rig, effects).laws["actuator"]:
+            torque = law(torque, [0.0], [0.0], 0.0)
+        assert torque == 2.0
 
 
 @pytest.mark.slow
