@@ -23,6 +23,7 @@ from mpge_bench.diagnosis.verdict.constancy import changes
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.diagnosis.verdict.enough import more_data
 from mpge_bench.diagnosis.verdict.evidence import Evidence
+from mpge_bench.diagnosis.verdict.held_out import is_whole, left_line, left_of
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
 from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
@@ -42,7 +43,9 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
     changing = changes(problem, chosen)
     drifts = {(one.effect, one.target): one.law for one in changing if one.drifts}
-    verdict = verdict_of(choice, drifts.keys())
+    verdict, rest = verdict_of(choice, drifts.keys()), []
+    if verdict == "explained" and (left := left_of(choice, parts)) and not is_whole(left, settings):
+        verdict, rest = "partly_explained", [left_line(left, settings)]
     mismatch = verdict not in ("no_mismatch", "too_little_data")
     more = more_data(choice) if verdict == "too_little_data" else None
     fit, trajectories = accuracy(choice, after, parts.unseen)
@@ -63,7 +66,7 @@ def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResul
         alike,
         fit,
         not choice.cut,
-        (*lines, *changing_lines(changing), *taken_back),
+        (*lines, *rest, *changing_lines(changing), *taken_back),
         detectable(choice, lambda: is_past(clock.end)),
         checks(problem),
         _about(choice, parts, clock),
@@ -136,8 +139,7 @@ def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> st
     physics = [effect.named and not effect.is_formula and (effect.name, effect.target) not in drifting for effect in chosen.effects]
     if not any(physics):
         return "unexplained"
-    is_whole = chosen.typical < settings.verdict.explained and chosen.overall < settings.choose.coarse
-    return "explained" if all(physics) and is_whole else "partly_explained"
+    return "explained" if all(physics) and is_whole(chosen, settings) else "partly_explained"
 
 
 def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:

@@ -1,0 +1,38 @@
+"""Whether an answer predicts windows of recordings that nobody looked at to their noise, wherever they began: what shows in these alone no search was told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.data.parts import Parts
+from mpge_bench.diagnosis.fit.problem import Model, problem
+from mpge_bench.diagnosis.fit.simulator import as_it_is
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DiagnosisSettings
+
+
+def left_of(choice: Choice, parts: Parts) -> Model | None:
+    """The answer, held against the held-out recordings as it is; None where these are too short for a window, or the simulation flies apart."""
+    posed, measured = choice.problem, replace(parts.searched, recordings=parts.unseen)
+    if min(len(one.time) for one in parts.unseen) <= posed.settings.predict.shortest_window:
+        return None
+    try:
+        held = problem(measured, reference(posed.rig, measured.recordings, posed.settings), posed.horizon, posed.deadline)
+        return as_it_is(replace(held, sigma=posed.sigma), choice.chosen.effects)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def is_whole(model: Model, settings: DiagnosisSettings) -> bool:
+    """Whether what `model` leaves of a typical window, and of all together, is about the noise."""
+    return model.typical < settings.verdict.explained and model.overall < settings.choose.coarse
+
+
+def left_line(left: Model, settings: DiagnosisSettings) -> str:
+    """What is said of an answer that leaves more."""
+    missed = int((left.missed > settings.verdict.explained).sum())
+    said = f"{missed} of {len(left.missed)} held-out windows are missed by more than the noise, wherever they began"
+    return f"{said}, though those searched on are not: what is left shows in these alone."
