@@ -42,9 +42,12 @@ class Simulator:
     coarse: Memory[int, Simulator] = field(default_factory=lambda: Memory(1))
 
     def coarser(self, times: int) -> Simulator:
-        """One with steps as many times as long, or as many as divide the substeps: for differences between predictions, which hardly depend on the step."""
-        times = max(number for number in range(1, times + 1) if self.substeps % number == 0)
-        return self.coarse.get(
+        """One with steps as many times as long, or as many as divide the substeps: for differences between predictions, which hardly depend on the step.
+
+        A robot of the benchmark has steps of its own, whatever is asked for, and half of what effects change of a walker would be another with longer ones.
+        """
+        times = 1 if self.rig.robot else max(number for number in range(1, times + 1) if self.substeps % number == 0)
+        return self if times == 1 else self.coarse.get(
             times, lambda: replace(self, step=self.step * times, substeps=self.substeps // times, worlds=Memory(4), coarse=Memory(1))
         )
 

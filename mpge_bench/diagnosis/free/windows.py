@@ -101,14 +101,9 @@ class Windows:
         return 1
 
     def coarser(self) -> Windows:
-        """The same, predicted with longer steps where the simulator is slow, for what effects change: by motors, which are asked at each step.
-
-        A robot of the benchmark has steps of its own, whatever is asked for, and half of what effects change of a walker would be another with longer ones.
-        """
-        rig, coarse = self.simulator.rig, self.settings.coarse
-        if not rig.joints or rig.robot or coarse == 1:
-            return self
-        return replace(self, simulator=self.simulator.coarser(coarse), settings=replace(self.settings, coarse=1))
+        """The same, predicted with longer steps where the simulator is slow, for what effects change: by motors, which are asked at each step."""
+        coarse = self.simulator.coarser(self.settings.coarse) if self.simulator.rig.joints else self.simulator
+        return self if coarse is self.simulator else replace(self, simulator=coarse, settings=replace(self.settings, coarse=1))
 
     def quicker(self, effects: Sequence[Effect]) -> Windows:
         """The same, predicted with longer steps, and put right by what these change beside `effects`."""
