@@ -112,6 +112,10 @@ class Trials:
         clean = self.problem.settings.fit.clean
         return model.train < clean and model.validation < clean
 
+    def explains(self, model: Model) -> bool:
+        """Whether what `model` leaves would be called explained, both of what it was fitted to and of what chooses."""
+        return max(model.train, model.validation) < self.problem.settings.verdict.explained
+
     def cut_short(self, stage: str, seconds: float = 0.0) -> bool:
         """Whether there is no time left for something more of `stage`, which takes so many `seconds` and is then noted as cut short."""
         late = is_past(self.clock.deadline - seconds)
@@ -190,8 +194,8 @@ class Trials:
         # A small gain from the best starting states is none if more is lost from those that are recorded; and none is that, where noise does not make the loss.
         if self.no_worse(rich, simple, within=least):
             return True
-        # What alone leaves nothing is better though more is lost where it starts from recorded states: those of a motor's side nobody records.
-        if self.is_clean(rich) and not self.is_clean(simple) and is_doubtless(self.problem, simple, rich):
+        # What alone explains all is better though more is lost where it starts from recorded states: those of a motor's side nobody records.
+        if self.explains(rich) and not self.explains(simple) and is_doubtless(self.problem, simple, rich):
             return True
         return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
