@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.score import odds
-from mpge_bench.diagnosis.choose.simplest import needed, plainer, simplest
+from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
@@ -137,7 +137,7 @@ def choose(
             chosen = with_curves(trials, as_used)
         else:
             chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, needed(trials, nearer) if nearer else named))))
-        chosen = trials.as_exported(chosen)
+        chosen = trials.as_exported(acting(trials, chosen))
     models, alike = tuple(trials.models), twins(trials, chosen)
     is_far = trials.are_far([chosen])
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)

@@ -215,15 +215,16 @@ class Model:
         return float(np.mean(np.sqrt(self.missed_beside(other)[windows])) ** 2)
 
     @property
-    def unsure(self) -> int:
-        """How many effects might as well not be there, by the 95% intervals of their parameters."""
-        found, at = 0, 0
+    def doubted(self) -> tuple[Effect, ...]:
+        """The effects that might as well not be there, by the 95% intervals of their parameters."""
+        found, at = [], 0
         for effect in self.effects:
             values = np.array(parameters_of(effect))
             here = slice(at, at + len(values))
-            found += len(values) > 0 and bool((np.abs(values - self.absent[here]) < self.interval * self.standard_errors[here]).all())
+            if len(values) and (np.abs(values - self.absent[here]) < self.interval * self.standard_errors[here]).all():
+                found.append(effect)
             at += len(values)
-        return found
+        return tuple(found)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -10,12 +10,12 @@ import pytest
 from mpge_bench.diagnosis.choose import simplest as simplest_module
 from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
-from mpge_bench.diagnosis.choose.simplest import needed, simplest
+from mpge_bench.diagnosis.choose.simplest import acting, needed, simplest
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
-from mpge_bench.envs.effects import Armature, Backlash, Delay, JointElasticity, Payload, SensorDelay
+from mpge_bench.envs.effects import Armature, Backlash, CoulombFriction, Delay, JointElasticity, Payload, SensorDelay, ViscousFriction
 
 from ..conftest import posed, searching
 
@@ -118,8 +118,22 @@ def test_an_effect_that_may_as_well_not_be_there_needs_evidence_that_leaves_no_d
     less = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
     unsure = as_it_is(trials.problem, (Armature("elbow", 0.02), Payload("upper", 0.001, 0.2)))
     unsure = replace(unsure, standard_errors=np.array([1e-6, 1.0, 1.0]))
-    assert unsure.unsure == 1
+    assert unsure.doubted == unsure.effects[1:]
     monkeypatch.setattr(trials, "is_better", lambda simple, rich, **_: rich is unsure)
     for doubtless in (False, True):
         monkeypatch.setattr(simplest_module, "is_doubtless", lambda *_, doubtless=doubtless: doubtless)
         assert needed(trials, unsure).key == (unsure if doubtless else less).key
+
+
+def test_what_time_was_up_to_leave_out_is_left_out_at_once_where_nothing_is_lost(trials: Trials) -> None:
+    """Beside a formula that was right each of an arm's seven joints had a dry friction of 1e-12 N m, an offset and a rotor that were not told."""
+    rotor, nothing = Armature("elbow", 0.02), [CoulombFriction("elbow", 1e-9), CoulombFriction("shoulder", 1e-9), ViscousFriction("shoulder", 1e-9)]
+    whole = as_it_is(trials.problem, (rotor, *nothing))
+    assert acting(trials, whole) is whole
+    trials.cut["formulas"] = None
+    assert acting(trials, whole).effects == (rotor,)
+    needed_ones = as_it_is(trials.problem, (rotor, CoulombFriction("shoulder", 1e-9)))
+    lost = replace(needed_ones, standard_errors=np.array([1.0, 1.0]))
+    assert lost.doubted == lost.effects
+    # All may be absent, one by one, but not together: what does nothing goes.
+    assert acting(trials, lost).effects == (rotor,)
