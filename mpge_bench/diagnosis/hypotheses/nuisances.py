@@ -85,7 +85,7 @@ class Nuisances:
         if len(delays) and jacobian is not None:
             size = np.sqrt((jacobian**2).sum((1, 2), keepdims=True))
             columns = np.concatenate((columns, jacobian / np.where(size > 0, size, 1.0)))
-            bounds = np.concatenate((bounds, [(-np.inf, np.inf)] * len(jacobian)))
+            bounds = np.concatenate((bounds, np.tile([-np.inf, np.inf], (len(jacobian), 1))))
             known = np.concatenate((known, np.zeros(len(jacobian))))
         sizes = self._bounded(columns, residual, bounds, known, exact=len(delays) > 0)
         inside = (sizes > bounds[:, 0]) & (sizes < bounds[:, 1])

@@ -14,12 +14,12 @@ from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit import simulator
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Problem, problem
-from mpge_bench.diagnosis.fit.simulator import _refined, polished
+from mpge_bench.diagnosis.fit.simulator import _refined, nominal, polished
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, SensorDelay, TorqueLimit, ViscousFriction
 from mpge_bench.envs.effects.vector import values_of
 
-from ..conftest import write_case
+from ..conftest import posed, write_case, write_rig
 
 
 def _posed(folder: Path, *effects: Effect) -> Problem:
@@ -122,3 +122,12 @@ def test_what_is_absent_without_end_is_gone_back_from_by_doubling(tmp_path: Path
     for effect in (TorqueLimit("hinge", 3.0), JointElasticity("hinge", 5.0, 0.1, 0.01)):
         assert simulator._begun(posed, posed.fitter(), (effect,)) is None
     assert tried == [[3.0], [6.0], [12.0], [5.0, 0.1, 0.01], [10.0, 0.05, 0.005], [20.0, 0.025, 0.0025]]
+
+
+@pytest.mark.parametrize("own", [{"effect": "delay", "target": "elbow", "seconds": 0.02}, {"effect": "lag", "target": "elbow", "time_constant": 0.03}])
+def test_a_rig_whose_motors_are_late_by_itself_is_tested_like_any(own: dict[str, object], tmp_path: Path) -> None:
+    """A corrected rig with a late motor, diagnosed again, ended in a traceback: beside what is forgiven there were no parameters."""
+    asked = posed(read_rig(write_rig(tmp_path, effects=[own])), seconds=2.0, noise=1e-4)
+    model, _ = nominal(asked)
+    assert model.effects == ()
+    assert model.overall < 1.3
