@@ -17,17 +17,21 @@ from ..conftest import write_case
 
 
 @pytest.mark.parametrize(
-    ("before", "step", "is_chance", "says"),
+    ("before", "step", "is_chance", "is_there", "says"),
     [
-        (0.012, 0.001, False, ["mends", "p < 0.001", "0.012 rad", "0.01"]),
-        (0.03, 0.03, True, ["cannot be told from", "0.03 rad", "physics step 0.03"]),
-        (0.6, 0.02, True, ["cannot be told from", "0.6 rad", "more than both"]),
+        (0.012, 0.001, False, None, ["mends", "p < 0.001", "0.012 rad", "0.01"]),
+        (0.03, 0.03, True, True, ["cannot be told from", "0.03 rad", "physics step 0.03"]),
+        (0.6, 0.02, True, None, ["cannot be told from", "0.6 rad", "more than both", "not as exact as they seem, or something acts there"]),
+        (0.6, 0.02, True, True, ["more than both", "so it is from the best starting states: something acts there"]),
+        (0.6, 0.02, True, False, ["more than both", "it is the noise: recorded states are not as exact"]),
     ],
 )
-def test_what_is_missed_beside_the_noise_is_not_called_the_noise_s(before: float, step: float, is_chance: bool, says: list[str]) -> None:
+def test_what_is_missed_beside_the_noise_is_not_called_the_noise_s(
+    before: float, step: float, is_chance: bool, is_there: bool | None, says: list[str]
+) -> None:
     """Of a held-out error sixty times the noise, with p < .001, it was said that the simulator predicts to within the noise."""
     fit = Accuracy(0.5, Errors(before, before, 0.01, "rad"), {})
-    lines = quiet_lines("p < 0.001" if not is_chance else "p = 0.4", is_chance, fit, step, DEFAULT.verdict)
+    lines = quiet_lines("p < 0.001" if not is_chance else "p = 0.4", is_chance, fit, step, is_there, DEFAULT.verdict)
     assert len(lines) == (3 if "more than both" in says else 2)
     said = " ".join(lines)
     assert all(words in said for words in says)
