@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.hypotheses.candidates import key
+from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import total
 
@@ -104,7 +105,7 @@ def acting(trials: Trials, chosen: Model) -> Model:
 
     def without(needless: Sequence[Effect]) -> Model | None:
         kept = [effect for effect in chosen.effects if effect not in needless]
-        if not kept or len(kept) == len(chosen.effects):
+        if not kept or len(kept) == len(chosen.effects) or is_past(trials.clock.end):
             return None
         try:
             less = trials.add(as_it_is(problem, kept))
