@@ -64,6 +64,10 @@ class Parameter:
         return f"{100 * value:.3g}%" if self.percent else f"{value:.4g}{unit}"
 
 
+#: Share of the largest command below which that of an ordinary recording is begun from, too: starts are .35 to 1.2 of the largest, and reach what is nearer.
+_JERK = 0.6
+
+
 @dataclass(frozen=True)
 class Scale:
     """How large things are where an effect is looked for, and what else is there; a search starts from parameters of this size.
@@ -122,7 +126,7 @@ class Scale:
     @property
     def limits(self) -> tuple[float, ...]:
         """The largest command, and that of an ordinary recording where it is far smaller: one may begin with a jerk of several times what is ever asked for."""
-        return (self.limit, self.usual_limit) if 0 < self.usual_limit < 0.6 * self.limit else (self.limit,)
+        return (self.limit, self.usual_limit) if 0 < self.usual_limit < _JERK * self.limit else (self.limit,)
 
     def is_instant(self, seconds: float) -> bool:
         """Whether simulators differ by as much, which move positions by the velocity at a step's end or in its middle."""
