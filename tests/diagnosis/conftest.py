@@ -79,8 +79,17 @@ def posed(rig: Rig, *hidden: Effect, seconds: float, noise: float = 0.0) -> Prob
     """What four recordings of `rig` with `hidden` effects ask, positions with `noise` (rad), velocities with ten times as much."""
     rng = np.random.default_rng(0)
     exact = [record(rig, hidden, seconds=seconds, seed=seed) for seed in range(4)]
-    noisy = [replace(one, q=one.q + rng.normal(0, noise, one.q.shape), dq=one.dq + rng.normal(0, 10 * noise, one.dq.shape)) for one in exact]
-    measured = measurements(rig, noisy, DEFAULT)
+    return asking(rig, [noisy(one, noise, rng) for one in exact])
+
+
+def noisy(one: Recording, noise: float, rng: np.random.Generator) -> Recording:
+    """The recording, positions with `noise` (rad), velocities with ten times as much."""
+    return replace(one, q=one.q + rng.normal(0, noise, one.q.shape), dq=one.dq + rng.normal(0, 10 * noise, one.dq.shape))
+
+
+def asking(rig: Rig, recordings: Sequence[Recording]) -> Problem:
+    """What the `recordings` of `rig` ask."""
+    measured = measurements(rig, recordings, DEFAULT)
     return problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
 
 

@@ -99,13 +99,13 @@ def acting(trials: Trials, chosen: Model) -> Model:
 
     As it is, where windows are missed no more so: beside a formula that was right every joint of an arm had a dry friction of 10⁻¹² N m.
     """
-    if not trials.cut or len(chosen.effects) < 2:
+    if not trials.cut or len(chosen.effects) < 2 or is_past(trials.clock.end):
         return chosen
     problem = trials.problem
 
     def without(needless: Sequence[Effect]) -> Model | None:
         kept = [effect for effect in chosen.effects if effect not in needless]
-        if not kept or len(kept) == len(chosen.effects) or is_past(trials.clock.end):
+        if not kept or len(kept) == len(chosen.effects):
             return None
         try:
             less = trials.add(as_it_is(problem, kept))
@@ -113,7 +113,10 @@ def acting(trials: Trials, chosen: Model) -> Model:
             return None
         return None if trials.is_better(less, chosen) else less
 
-    return without(chosen.doubted) or without(list(idle(problem, problem.fitter(chosen.effects), chosen.effects))) or chosen
+    less = without(chosen.doubted)
+    if less is None and not is_past(trials.clock.end):
+        less = without(list(idle(problem, problem.fitter(chosen.effects), chosen.effects)))
+    return less or chosen
 
 
 def _near(trials: Trials, chosen: Model) -> float:

@@ -135,13 +135,14 @@ def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[A
 
     Of those of as many parameters what is told from its absence is plainer: a body of .05 to 19 times the mass says nothing that a friction of .453 does not.
     """
+    alike = {one.key: one for one in (*answer.equals, *search.twins(settled), settled)}
 
     def plainness(one: Model) -> tuple[object, ...]:
         size, *rest = plainness_of(one)
-        return size, not search.is_told(one), *rest
+        # Of one alone nothing is asked, which takes as long as a step of its fit.
+        return size, len(alike) > 1 and not search.is_told(one), *rest
 
-    alike = sorted({one.key: one for one in (*answer.equals, *search.twins(settled), settled)}.values(), key=plainness)
-    chosen, *equals = alike
+    chosen, *equals = sorted(alike.values(), key=plainness)
     models = {one.key: one for one in (*answer.models, *search.models.values())}
     return replace(answer, chosen=chosen, equals=tuple(equals), models=tuple(models.values()), cut=tuple(search.cut)), chosen
 

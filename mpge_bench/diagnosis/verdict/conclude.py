@@ -87,8 +87,11 @@ def _quiet(choice: Choice, fit: Accuracy, parts: Parts) -> tuple[str, ...]:
     is_chance = choice.test.p_value >= settings.choose.significance
     if is_chance and (held.before or 0.0) < settings.verdict.at_noise * (held.noise_floor or math.inf):
         return ()
-    left = left_of(choice, parts)
-    is_there = None if left is None else not is_whole(left, settings)
+
+    def is_there() -> bool | None:
+        left = left_of(choice, parts)
+        return None if left is None else not is_whole(left, settings)
+
     return quiet_lines(chance(choice.test), is_chance, fit, stepped(choice.problem, parts.unseen), is_there, settings.verdict)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -95,13 +95,14 @@ def _told(effects: Sequence[str], answer: Sequence[str], settings: VerdictSettin
     return " ".join(("all this", *(differs or ["with other parameters"])))
 
 
-def quiet_lines(p: str, is_chance: bool, fit: Accuracy, step: float, is_there: bool | None, settings: VerdictSettings) -> tuple[str, ...]:
+def quiet_lines(p: str, is_chance: bool, fit: Accuracy, step: float, is_there: Callable[[], bool | None], settings: VerdictSettings) -> tuple[str, ...]:
     """What is said where nothing is named and nothing stands out, though not all that is missed is the sensors' noise.
 
     Args:
         is_chance: whether the test took it for chance.
         step: how much half the physics step changes the held-out prediction.
-        is_there: whether held-out windows are missed by more than the noise from the best starting states, too; None where that is not known.
+        is_there: whether held-out windows are missed by more than the noise from the best starting states, too; None where that is not known. Asked only
+            where it is told.
     """
     held, horizon = fit.held_out, f"{fit.horizon:g} s"
     assert held.before is not None
@@ -117,9 +118,10 @@ def quiet_lines(p: str, is_chance: bool, fit: Accuracy, step: float, is_there: b
     if held.before < settings.at_noise * math.hypot(held.noise_floor, step):
         return lines
     inexact, alone = "recorded states are not as exact as they seem", "something acts there alone (give that recording first to have it searched)"
-    if is_there is None:
+    there = is_there()
+    if there is None:
         return (*lines, f"That is more than both: {inexact}, or {alone}.")
-    if is_there:
+    if there:
         return (*lines, f"That is more than both, and so it is from the best starting states: {alone}.")
     return (*lines, f"That is more than both, but from the best starting states it is the noise: {inexact}.")
 

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.data.checks import measurements
-from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.fit.problem import problem
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, carrier
-from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import CATALOGUE, CoulombFriction, PositionServo, Scale, ViscousFriction
 
-from ..conftest import Made, posed, record, write_rig
+from ..conftest import Made, asking, posed, record, write_rig
 
 
 def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) -> None:
@@ -83,17 +78,12 @@ def test_a_jerk_of_one_recording_is_not_the_largest_command_that_limits_begin_fr
     """A controller's first 52 N, 18 N ever after: a motor that gave no more than 13.6 N was sought from 18 N at 1.6 times its speed, and not found."""
     plain = [record(rig, seconds=1.0, seed=seed) for seed in range(3)]
     jerk = replace(plain[0], u=np.concatenate((np.full((1, 2), 50.0), plain[0].u[1:])))
-    least, most = ({one.label: one for one in candidates(rig, _scales_of(rig, [*plain, *more]))}["back_emf_limit:elbow"].starts for more in ([], [jerk]))
+    least, most = ({one.label: one for one in candidates(rig, asking(rig, [*plain, *more]).scales)}["back_emf_limit:elbow"].starts for more in ([], [jerk]))
     stalls = [{start.stall for start in starts} for starts in (least, most)]  # type: ignore[attr-defined]
     usual = np.median([np.abs(one.u[:, 1]).max() for one in (*plain, jerk)])
     assert max(stalls[0]) < 50
     assert max(stalls[1]) == pytest.approx(200)
     assert min(abs(one - 1.2 * usual) for one in stalls[1]) < 1e-9
-
-
-def _scales_of(rig: Rig, recordings: Sequence[Recording]) -> dict[str, Scale]:
-    measured = measurements(rig, recordings, DEFAULT)
-    return problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon).scales
 
 
 def test_what_whirls_is_looked_at_within_the_bounds_of_effects(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def test_what_is_missed_beside_the_noise_is_not_called_the_noise_s(
 ) -> None:
     """Of a held-out error sixty times the noise, with p < .001, it was said that the simulator predicts to within the noise."""
     fit = Accuracy(0.5, Errors(before, before, 0.01, "rad"), {})
-    lines = quiet_lines("p < 0.001" if not is_chance else "p = 0.4", is_chance, fit, step, is_there, DEFAULT.verdict)
+    lines = quiet_lines("p < 0.001" if not is_chance else "p = 0.4", is_chance, fit, step, lambda: is_there, DEFAULT.verdict)
     assert len(lines) == (3 if "more than both" in says else 2)
     said = " ".join(lines)
     assert all(words in said for words in says)
