@@ -57,14 +57,15 @@ def write_rig(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def record(rig: Rig, effects: Sequence[Effect] = (), *, seconds: float = 2.0, period: float = 0.01, seed: int = 0) -> Recording:
-    """What the sensors tell of `rig` with `effects` under smooth random commands, without noise."""
+def record(rig: Rig, effects: Sequence[Effect] = (), *, seconds: float = 2.0, period: float = 0.01, seed: int = 0, jerk: float = 0.0) -> Recording:
+    """What the sensors tell of `rig` with `effects` under smooth random commands, without noise; the first joint's with a `jerk` more at first, for .1 s."""
     rng = np.random.default_rng(seed)
     count, n = round(seconds / period), len(rig.joints)
     time = period * np.arange(count)
     hertz, phase = rng.uniform(0.2, 3.0, (2, 5, 1, n))
     u = np.sin(2 * np.pi * (hertz * time[:, None] + phase)).sum(0) * [0.3 if rig.modes[joint] == "position" else 0.6 for joint in rig.joints]
     u *= [rig.modes[joint] != "passive" for joint in rig.joints]
+    u[time < 0.1, 0] += jerk
     world = rig.world(effects, substeps=round(period / rig.timestep))
     world.set_state(rng.uniform(-0.5, 0.5, n), rng.uniform(-1, 1, n))
     read = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.beam import grow
@@ -12,7 +13,7 @@ from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.score import odds
-from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest
+from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
@@ -20,7 +21,7 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
-from mpge_bench.diagnosis.fit.simulator import nominal, polished
+from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.curves import curves
 from mpge_bench.diagnosis.settings import ChooseSettings, DiagnosisSettings
@@ -82,6 +83,22 @@ def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
     return min(one.validation for one in models) > settings.choose.elsewhere * min(one.train for one in models)
 
 
+def acts_at_the_start(problem: Problem, model: Model) -> bool:
+    """Whether something acts within the first moments of recordings that `model`, which explains what comes after, does not have.
+
+    As a limit that motors reach only as a controller is switched on. Nothing is told there where anything remembers what was before.
+    """
+    rig, begun = problem.rig, problem.from_the_start()
+    first = begun.windows.start == 0
+    if any(effect.remembers for effect in rig.chain(model.effects)) or (problem.windows.start == 0).any():
+        return False
+    try:
+        missed = as_it_is(begun, model.effects).missed[first]
+    except np.linalg.LinAlgError:
+        return False
+    return float(missed.max()) > problem.settings.choose.coarse
+
+
 def chance_of(mean_square: float, windows: int, settings: ChooseSettings) -> float:
     """Probability that `windows` miss a `mean_square` as large, in units of the noise, though that is `beyond_noise` times what it was estimated to be.
 
@@ -122,13 +139,19 @@ def choose(
 ) -> Choice:
     """The smallest set of effects, out of `options`, that predicts validation recordings as well as any; with a nameless curve where none does."""
     mismatch = tested(problem, options)
+    if mismatch.screening.p_value >= problem.settings.choose.significance and acts_at_the_start(problem, mismatch.nominal):
+        problem = problem.from_the_start()
+        mismatch = tested(problem, options)
     trials = Trials(problem, options, (mismatch.nominal, mismatch.fitter), workers, clock, advance)
     chosen = mismatch.nominal
     if mismatch.screening.p_value < problem.settings.choose.significance:
         with trials.growing():
             grow(trials, mismatch.screening)
             if shown_to_some(trials.models, problem.settings):
-                _dealt_anew(trials, options)
+                _begun_anew(trials, trials.problem.dealt(), options)
+            best = unbeaten(trials, trials.models)[0]
+            if trials.explains(best) and acts_at_the_start(trials.problem, best):
+                _begun_anew(trials, trials.problem.from_the_start(), options)
         named = with_formulas(trials, simplest(trials))
         nearer = by_recorded_states(trials, named)
         as_used = nearer if nearer and trials.are_far([nearer]) else None if nearer else completed(trials, named)
@@ -143,13 +166,12 @@ def choose(
     return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)
 
 
-def _dealt_anew(trials: Trials, options: Sequence[Candidate]) -> None:
-    """Search again with validation windows from every recording; models that left nothing of what they were fitted to first, which may be all that there is."""
+def _begun_anew(trials: Trials, problem: Problem, options: Sequence[Candidate]) -> None:
+    """Search again in the windows of `problem`; models that left nothing of what they were fitted to first, which may be all that there is."""
     clean = trials.problem.settings.fit.clean
     found = {one.key: one.effects for one in sorted(trials.models, key=lambda one: -one.validation) if one.effects and one.train < clean}
-    dealt = trials.problem.dealt()
-    again = tested(dealt, options)
-    trials.begin(dealt, (again.nominal, again.fitter))
+    again = tested(problem, options)
+    trials.begin(problem, (again.nominal, again.fitter))
     for pair in trials.polished(list(found.values())[-trials.settings.polished :]):
         trials.add(trials.converged(*pair)[0])
     if not any(trials.is_clean(one) for one in trials.models):

@@ -27,7 +27,7 @@ def simplest(trials: Trials) -> Model:
 
 def _of_use(trials: Trials, models: Sequence[Model]) -> Model:
     """The first of those of `models` that none beats which is of use as it is exported; the nominal one where there is none."""
-    equal = _unbeaten(trials, models) if models else []
+    equal = unbeaten(trials, models) if models else []
     if not equal:
         return trials.nominal
     found = next((one for one in equal if trials.is_of_use(one)), None)
@@ -35,7 +35,7 @@ def _of_use(trials: Trials, models: Sequence[Model]) -> Model:
     return found or _of_use(trials, [one for one in models if not any(one is other for other in equal)])
 
 
-def _unbeaten(trials: Trials, models: Sequence[Model]) -> list[Model]:
+def unbeaten(trials: Trials, models: Sequence[Model]) -> list[Model]:
     """Those of `models` that none of the nearest beats: the surest, of fewest parameters, first."""
     # What validation windows hardly show, as a limit that they do not reach, is told by the others.
     best = trials.nearest(models)

@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.predict.linearize import LinearisedSimulator
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import SimulatedWindows
 from mpge_bench.diagnosis.predict.smooth import asked_torque, motor_torque, rebase
-from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, dealt, validation_windows, windows_of
+from mpge_bench.diagnosis.predict.windows import WindowPredictor, Windows, dealt, from_the_start, validation_windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.envs.effects import Effect, Scale
 from mpge_bench.envs.effects.vector import parameters_of, sizes_of
@@ -90,6 +90,11 @@ class Problem:
     def dealt(self) -> Problem:
         """The same with validation windows taken from every recording in turn, for what shows in some recordings only."""
         return replace(self, validation=dealt(self.windows, self.settings.predict))
+
+    def from_the_start(self) -> Problem:
+        """The same with windows from where recordings begin, which are all fitted to: what acts there alone shows nowhere else."""
+        windows = from_the_start(self.windows, self.linear.motion)
+        return replace(self, windows=windows, validation=dealt(windows, self.settings.predict) & (windows.start > 0))
 
     def simulated(self, parts: int) -> SimulatedWindows:
         """The simulator's own predictions in the windows, with the physics step in `parts`."""

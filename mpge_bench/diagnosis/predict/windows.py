@@ -41,7 +41,16 @@ def windows_of(motion: Motion, horizon: float) -> Windows:
     period = float(np.median(motion.intervals()[motion.intervals() > 0]))
     length = int(max(settings.shortest_window, min(round(horizon / period), motion.rows.min() - 1)))
     skipped = round(settings.warm_up / period)
-    first = skipped if motion.rows.min() > skipped + settings.spare_windows * length else 0
+    return _cut(motion, length, skipped if motion.rows.min() > skipped + settings.spare_windows * length else 0)
+
+
+def from_the_start(windows: Windows, motion: Motion) -> Windows:
+    """Windows as long as `windows`, the first of which begins with its recording: for what remembers nothing."""
+    return _cut(motion, windows.length, 0)
+
+
+def _cut(motion: Motion, length: int, first: int) -> Windows:
+    """As many windows as there are in full, from the row `first` of each recording on."""
     pairs = [(r, k) for r, rows in enumerate(motion.rows) for k in range(first, int(rows) - length, length + 1)]
     recording, start = np.array(pairs).T
     return Windows(recording, start, length)

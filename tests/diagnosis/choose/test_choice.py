@@ -18,16 +18,16 @@ from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.fit.problem import Problem, problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
-from mpge_bench.diagnosis.fit.simulator import polished
-from mpge_bench.diagnosis.hypotheses.candidates import candidates, scales
+from mpge_bench.diagnosis.fit.simulator import as_it_is, polished
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, key, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
 from mpge_bench.envs.compiled import begin_budget
-from mpge_bench.envs.effects import CoulombFriction, TorqueLimit, ViscousFriction
+from mpge_bench.envs.effects import CoulombFriction, Effect, Lag, TorqueLimit, ViscousFriction
 
-from ..conftest import ARM, posed, write_rig
+from ..conftest import ARM, asking, noisy, posed, record, write_rig
 
 
 @pytest.mark.parametrize("windows", [10, 30, 100])
@@ -107,6 +107,38 @@ def test_what_is_left_open_to_first_order_is_fitted_before_it_is_said_to_be_chan
 
     monkeypatch.setattr(choice, "screen", half_told)
     assert (choice.tested(asked, options).screening.p_value < DEFAULT.choose.significance) == told
+
+
+def jerked(rig: Rig, *hidden: Effect) -> Problem:
+    """Recordings of which the last begins with a jerk, ten times what the shoulder's motor is asked for later."""
+    rng = np.random.default_rng(0)
+    return asking(rig, [noisy(record(rig, hidden, seconds=4.0, seed=seed, jerk=20.0 * (seed == 3)), 2e-4, rng) for seed in range(4)])
+
+
+LIMIT = TorqueLimit("shoulder", 8.0)
+
+
+def test_what_acts_only_as_a_recording_begins_is_seen_there(rig: Rig) -> None:
+    """An arm's controller asked for 32 N as it was switched on, of which its motor had half, and never again."""
+    asked = jerked(rig, LIMIT)
+    nominal = choice.tested(asked, candidates(rig, asked.scales)).nominal
+    assert nominal.missed.max() < 1.5
+    assert choice.acts_at_the_start(asked, nominal)
+    right = jerked(rig)
+    assert not choice.acts_at_the_start(right, choice.tested(right, candidates(rig, right.scales)).nominal)
+
+
+def test_nothing_is_told_of_where_recordings_begin_if_something_remembers_what_was_before(rig: Rig) -> None:
+    asked = jerked(rig, LIMIT)
+    assert not choice.acts_at_the_start(asked, as_it_is(asked, [Lag("elbow", 1e-4)]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("beside", [(), (ViscousFriction("elbow", 0.2),)])
+def test_what_acts_only_as_a_recording_begins_is_named(rig: Rig, beside: tuple[Effect, ...]) -> None:
+    asked = jerked(rig, LIMIT, *beside)
+    found = choice.choose(asked, candidates(rig, asked.scales), Workers(1), Clock(0.0, np.inf))
+    assert found.chosen.key == key([LIMIT, *beside])
 
 
 @pytest.mark.slow
