@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import key
+from mpge_bench.diagnosis.settings import DiagnosisSettings
 
 Beam = list[tuple[Model, LinearFitter]]
 
@@ -46,28 +48,32 @@ def grow(trials: Trials, screening: Screening) -> None:
             if min(one.overall for one in trials.models) < settings.coarse:
                 return
             begun = time.monotonic()
-        drafts, beside = _by_other_ways(trials, drafts)
+        beside = _added(trials, held(trials))
+        if beside and beside[0][0].overall < settings.holding_leads * trials.nominal.overall:
+            # What holds a joint fast hides what else there is, and nothing on all joints comes near without it.
+            _follow(trials, beside, begun)
+            if min(one.overall for one in trials.models) < settings.coarse or _is_elsewhere(trials.models, trials.problem.settings):
+                return
+            begun = time.monotonic()
+        drafts, together = _by_other_ways(trials, drafts)
+        beside += together
     _follow(trials, _polished(trials, drafts, beside, first=True), begun)
 
 
 def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Beam]:
     """`drafts` of one effect, of which none comes near the noise, and others; and models of several that go into the first round with them."""
-    settings = trials.settings
-    beside = held(trials)
-    if min((model.overall for model, _ in beside), default=np.inf) > settings.near:
-        drafts = _best_of_each(drafts + as_begun(trials))
-        if drafts[0].overall > settings.coarse:
-            together = everywhere(trials)
-            beside += [together] if together else []
-            drafts = _ordered(drafts + pairs(trials, trials.nominal, trials.fitter))
-    return drafts, beside
+    drafts = _best_of_each(drafts + as_begun(trials))
+    if drafts[0].overall <= trials.settings.coarse:
+        return drafts, []
+    together = everywhere(trials)
+    return _ordered(drafts + pairs(trials, trials.nominal, trials.fitter)), [together] if together else []
 
 
 def _follow(trials: Trials, grown: Beam, begun: float) -> None:
     """Grow further what the first round has `grown`, which `begun` then, s of the monotonic clock, as long as that helps and something is left."""
     settings = trials.settings
     for depth in range(1, settings.most + 1):
-        if not grown:
+        if not grown or _is_elsewhere([model for model, _ in grown], trials.problem.settings):
             break
         # A model far from the noise may still be half of the truth, but not where another has reached it.
         levels = trials.levels([model for model, _ in grown])
@@ -156,7 +162,12 @@ def _polished(trials: Trials, drafts: list[Model], beside: Beam, *, first: bool 
     hopeless = settings.hopeless[0 if first and not beside else 1] * min(one.overall for one in (drafts[0], *(model for model, _ in beside)))
     followed = trials.polished([one.effects for one in drafts[: settings.polished] if one.overall < hopeless])
     # What windows hardly show of a model beside them was needed where that was found.
-    pairs = sorted([*beside, *_without_idle(trials, followed)], key=lambda pair: pair[0].overall)
+    return _added(trials, [*beside, *_without_idle(trials, followed)])
+
+
+def _added(trials: Trials, pairs: Beam) -> Beam:
+    """`pairs`, the nearest fitted until that no longer helps, as models that may be chosen; the one that predicts validation recordings best first."""
+    pairs = sorted(pairs, key=lambda pair: pair[0].overall)
     if pairs:
         pairs[0] = trials.converged(*pairs[0])
     for model, _ in pairs:
@@ -181,3 +192,22 @@ def _renew_noise(trials: Trials, model: Model) -> None:
     problem = with_noise_of(trials.problem, trials.fitter, model)
     if problem is not None:
         trials.begin(problem, nominal(problem))
+
+
+def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
+    """Whether what is left shows only, or by far the most, in the recordings that models are chosen by, as a limit that the others hardly reach.
+
+    No fit could learn it.
+    """
+    missed = [one.validation for one in models if one.train < settings.fit.clean]
+    return min(missed) > settings.verdict.explained if missed else _is_far_more(models, settings)
+
+
+def _is_elsewhere(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
+    """Whether nothing is left of what models are fitted to, and by far more of what they are chosen by: more effects are no more than chance."""
+    clean = [one for one in models if one.train < settings.fit.clean]
+    return bool(clean) and _is_far_more(clean, settings)
+
+
+def _is_far_more(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
+    return min(one.validation for one in models) > settings.choose.elsewhere * min(one.train for one in models)

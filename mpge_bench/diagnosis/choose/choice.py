@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from mpge_bench.diagnosis.choose.beam import grow
+from mpge_bench.diagnosis.choose.beam import grow, shown_to_some
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
@@ -24,7 +24,7 @@ from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.hypotheses.curves import curves
-from mpge_bench.diagnosis.settings import ChooseSettings, DiagnosisSettings
+from mpge_bench.diagnosis.settings import ChooseSettings
 
 
 @dataclass(frozen=True)
@@ -70,17 +70,6 @@ def tested(problem: Problem, options: Sequence[Candidate]) -> Mismatch:
 def _chance_of_odds(odds: float, parameters: int, options: int) -> float:
     """Bound on the probability that the likeliest of so many `options` has such `odds`, less what its `parameters` gain by chance, where there is nothing."""
     return options * float(stats.chi2.sf(2 * (odds + parameters), parameters))
-
-
-def shown_to_some(models: Sequence[Model], settings: DiagnosisSettings) -> bool:
-    """Whether what is left shows only, or by far the most, in the recordings that models are chosen by, as a limit that the others hardly reach.
-
-    No fit could learn it.
-    """
-    missed = [one.validation for one in models if one.train < settings.fit.clean]
-    if missed:
-        return min(missed) > settings.verdict.explained
-    return min(one.validation for one in models) > settings.choose.elsewhere * min(one.train for one in models)
 
 
 def acts_at_the_start(problem: Problem, model: Model) -> bool:

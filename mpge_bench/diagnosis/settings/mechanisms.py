@@ -176,6 +176,7 @@ class ChooseSettings:
     rests: float = setting(0.05, "share of the rows", "in which a joint stands still if dry friction is tried that would hold it fast")
     holding: tuple[float, float] = setting((0.9, 0.99), "quantiles", "of what the simulator lacks in these rows: friction to begin with; some of it is noise")
     holding_leaves: float = setting(0.5, "share of what the simulator misses", "that friction which holds a joint fast leaves at most")
+    holding_leads: float = setting(0.25, "share of what the simulator misses", "that friction which holds a joint leaves if others are sought beside it first")
     begun_leaves: float = setting(0.5, "share of what the simulator misses", "from recorded states, that the start of an effect leaves that is followed up")
     convergences: int = setting(4, "fits", "of a model about its own fit, at most")
     near: float = setting(3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full")

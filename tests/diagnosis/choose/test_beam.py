@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 import time
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from mpge_bench.diagnosis.choose import beam
-from mpge_bench.diagnosis.choose.beam import _without_idle
+from mpge_bench.diagnosis.choose.beam import _is_elsewhere, _without_idle, grow
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.screen import screen
 from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, InertiaScale, JointSpring, Payload, StribeckFriction
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
+from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Gravity, InertiaScale, JointSpring, Payload, StribeckFriction
 
 from ..conftest import posed, searching
 
@@ -103,3 +105,20 @@ def test_how_long_a_round_took_is_reckoned_with_its_growth(trials: Trials, monke
     beam._follow(trials, pairs, 0.0)
     assert reckoned[0] == 0.0
     assert 0.0 < reckoned[1] <= grew[0]
+
+
+@pytest.mark.slow
+def test_beside_friction_that_holds_a_joint_fast_others_are_sought_before_anything_on_all_joints(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an arm of five joints a little of everything on all joints, which came nearer than friction on the third alone, took all the time there was."""
+    hidden = [CoulombFriction("elbow", 1.0), Gravity("world", (0.4, 0.0, -9.8))]
+    search = searching(posed(rig, *hidden, seconds=4.0, noise=2e-4))
+    monkeypatch.setattr(beam, "_by_other_ways", lambda *given: pytest.fail("everything was tried on all joints"))
+    grow(search, screen(search.fitter, search.candidates, search.nominal.fit))
+    assert search.known()[key(hidden)].overall < 1.2
+
+
+def test_no_effects_are_added_to_what_leaves_nothing_but_where_models_are_chosen() -> None:
+    models: Any = [SimpleNamespace(train=1.0, validation=900.0), SimpleNamespace(train=700.0, validation=800.0)]
+    assert _is_elsewhere(models, DEFAULT)
+    assert not _is_elsewhere([*models, SimpleNamespace(train=1.05, validation=5.0)], DEFAULT)
+    assert not _is_elsewhere(models[1:], DEFAULT)
