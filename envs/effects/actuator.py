@@ -539,15 +539,19 @@ class JointElasticity(Effect):
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
-        found = []
-        for hertz in (4.0, 8.0, 16.0):
-            for share in (0.1, 0.4):
-                inertia = share * scale.inertia
-                rate = 2 * math.pi * hertz
-                # The two inertias swing against each other at `hertz`.
-                reduced = inertia * scale.inertia / (inertia + scale.inertia)
-                found.append({"stiffness": reduced * rate**2, "damping": 0.1 * reduced * rate, "motor_inertia": inertia})
-        return found
+        return [cls._swinging(hertz, share * scale.inertia, scale) for hertz in (4.0, 8.0, 16.0) for share in (0.1, 0.4)]
+
+    @classmethod
+    def beyond(cls, plainer: Effect, scale: Scale) -> list[dict[str, Any]]:
+        # A rotor says nearly all of a drive that is stiff.
+        rotor = plainer.rotor_inertia
+        return [cls._swinging(hertz, rotor, scale) for hertz in (8.0, 16.0, 32.0, 64.0)] if rotor > 0 else []
+
+    @staticmethod
+    def _swinging(hertz: float, inertia: float, scale: Scale) -> dict[str, Any]:
+        """With a motor of such an `inertia`, kg m², that swings against the joint at `hertz`."""
+        rate, reduced = 2 * math.pi * hertz, inertia * scale.inertia / (inertia + scale.inertia)
+        return {"stiffness": reduced * rate**2, "damping": 0.1 * reduced * rate, "motor_inertia": inertia}
 
     def is_plausible(self, scale: Scale) -> bool:
         return self.stiffness * scale.angle > 0.1 * scale.torque and self.motor_inertia > 1e-3 * scale.inertia

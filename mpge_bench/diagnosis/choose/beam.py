@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.formulas import lone_formula
 from mpge_bench.diagnosis.choose.held import held
 from mpge_bench.diagnosis.choose.pairs import pairs
+from mpge_bench.diagnosis.choose.richer import try_richer_friction
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -19,7 +20,6 @@ from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
-from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 
 Beam = list[tuple[Model, LinearFitter]]
@@ -84,22 +84,11 @@ def _follow(trials: Trials, grown: Beam, begun: float) -> None:
         rest = screen(beam[0][1], trials.candidates, grown[0][0].fit, draws=trials.problem.settings.fit.draws_left)
         is_chance = rest.p_value >= settings.significance and rest.odds < settings.doubtless
         if is_chance or max(rest.gains.values(), default=0.0) < settings.material:
-            _try_richer_friction(trials, *beam[0])
+            try_richer_friction(trials, *beam[0])
             break
         if depth < settings.most:
             begun = time.monotonic()
             grown = _grown(trials, beam)
-
-
-def _try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> None:
-    """Fit what contains dry friction of `model` in its place, too, where there is nothing left that a look tells: it hardly tells one friction from another
-    where a joint sticks, as it goes by the signs of velocities that are noise there."""
-    steps = [trials.step(model.effects, one) for one in trials.candidates if any(effect.rubs and one.contains(effect) for effect in model.effects)]
-    known = trials.known()
-    begun = [[*others, start] for others, one in steps for start in one.starts if key([*others, start]) not in known]
-    drafts = _ordered(trials.refined(fitter, [fitter.at(effects) for effects in begun]))
-    for richer in trials.polished([one.effects for one in drafts[:1] if one.overall < trials.settings.hopeless[1] * model.overall]):
-        trials.add(trials.converged(*richer)[0])
 
 
 def _grown(trials: Trials, beam: Beam) -> Beam:

@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.choose.beam import grow, shown_to_some
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
+from mpge_bench.diagnosis.choose.richer import richer
 from mpge_bench.diagnosis.choose.score import odds
 from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
@@ -141,7 +142,7 @@ def choose(
             best = unbeaten(trials, trials.models)[0]
             if trials.explains(best) and acts_at_the_start(trials.problem, best):
                 _begun_anew(trials, trials.problem.from_the_start(), options)
-        named = with_formulas(trials, simplest(trials))
+        named = with_formulas(trials, richer(trials, simplest(trials)))
         nearer = by_recorded_states(trials, named)
         as_used = nearer if nearer and trials.are_far([nearer]) else None if nearer else completed(trials, named)
         if as_used:

@@ -170,6 +170,7 @@ class ChooseSettings:
     leads: float = setting(0.05, "share of what the simulator misses", "squared, that one effect leaves where others are tried beside it before other ways")
     held: float = setting(1.2, "times the noise", "a best model this near the noise leaves room for none that is far off")
     elsewhere: float = setting(30.0, "times", "more than fits leave is missed where models are chosen: what is missed acts there")
+    richer: int = setting(2, "fits", "of what contains an effect of the answer, from where it may begin, are followed to the end")
     half_truth: float = setting(30.0, "times the best", "a model this far off may still be half of the truth")
     on_the_way: float = setting(30.0, "times the noise", "a model that misses more is but a step on the way")
     resting: float = setting(3.0, "standard deviations", "of a joint's velocity, within which it may stand still")

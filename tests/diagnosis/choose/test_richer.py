@@ -1,0 +1,39 @@
+"""What contains an effect of the answer in its place."""
+
+from __future__ import annotations
+
+import pytest
+
+from mpge_bench.diagnosis.choose.richer import richer
+from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.simulator import as_it_is
+from mpge_bench.envs.effects import Armature, JointElasticity
+
+from ..conftest import posed, searching
+
+
+@pytest.mark.slow
+def test_a_drive_whose_play_was_a_rotor_is_elastic(rig: Rig) -> None:
+    """Of an arm of seven joints play was found, then a rotor in its place; nothing was looked for beside that."""
+    hidden = JointElasticity("elbow", 90.0, 0.2, 0.02)
+    search = searching(posed(rig, hidden, seconds=4.0, noise=1e-4))
+    ((rotor, _),) = search.polished([[Armature("elbow", 0.02)]])
+    (found,) = richer(search, search.add(rotor)).effects
+    assert isinstance(found, JointElasticity)
+    assert (found.stiffness, found.motor_inertia) == pytest.approx((90.0, 0.02), rel=0.1)
+
+
+def test_what_leaves_nothing_stays(rig: Rig) -> None:
+    hidden = Armature("elbow", 0.02)
+    search = searching(posed(rig, hidden, seconds=2.0, noise=1e-4))
+    ((rotor, _),) = search.polished([[hidden]])
+    before = len(search.models)
+    assert richer(search, search.add(rotor)).effects == rotor.effects
+    assert len(search.models) == before + 1
+
+
+def test_nothing_is_fitted_where_time_is_up(rig: Rig) -> None:
+    search = searching(posed(rig, JointElasticity("elbow", 90.0, 0.2, 0.02), seconds=2.0, noise=1e-4), deadline=0.0)
+    rotor = as_it_is(search.problem, [Armature("elbow", 0.02)])
+    assert richer(search, rotor) is rotor
+    assert search.cut == {"trying richer effects": None}
