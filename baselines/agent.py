@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import copy
 import itertools
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors import safe_open
+from safetensors.numpy import save_file
 
 from mpge_bench.baselines.evaluation import play
 from mpge_bench.baselines.method import Result
@@ -101,6 +104,29 @@ class Learnt:
     curve: list[tuple[int, int, float, int]]
     origin: int = 0
 
+    def keep(self, path: Path) -> None:
+        """Write it to `path` (safetensors), atomically."""
+        states = {"weights": self.weights, "promising": self.promising}
+        held = {f"{state}.{name}": np.ascontiguousarray(values) for state, weights in states.items() for name, values in weights.items()}
+        rest = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in states}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        save_file(held, partial, {"rest": json.dumps(rest)})
+        partial.replace(path)
+
+    @classmethod
+    def kept(cls, path: Path) -> Learnt:
+        """What `keep` wrote to `path`."""
+        states: dict[str, dict[str, Array]] = {"weights": {}, "promising": {}}
+        with safe_open(path, "np") as file:
+            rest = json.loads(file.metadata()["rest"])
+            names = file.keys()
+            for key in names:
+                state, name = key.split(".", 1)
+                states[state][name] = file.get_tensor(key)
+        curve = [tuple(point) for point in rest.pop("curve")]
+        return cls(weights=states["weights"], promising=states["promising"], curve=curve, **rest)
+
 
 @dataclass(frozen=True)
 class _Place:
@@ -112,6 +138,7 @@ class _Place:
         settings: hyperparameters.
         seed: of everything random.
         log_dir: where TensorBoard curves go.
+        kept: where what each agent has learnt is kept; None if it is not.
     """
 
     make: Callable[[], RobotEnv]
@@ -119,8 +146,20 @@ class _Place:
     settings: AgentSettings
     seed: int
     log_dir: Path | None
+    kept: Path | None = None
 
     def learn(self, turn: int, candidate: int, share: int, start: Weights | None, origin: int, advance: Advance) -> Learnt:
+        """What an agent of round number `turn` learns in its `share` of steps, or has learnt before, if that was kept."""
+        path = self.kept / f"round_{turn}_agent_{candidate}.safetensors" if self.kept else None
+        if path and path.exists():
+            advance(share)
+            return Learnt.kept(path)
+        found = self._learn(turn, candidate, share, start, origin, advance)
+        if path:
+            found.keep(path)
+        return found
+
+    def _learn(self, turn: int, candidate: int, share: int, start: Weights | None, origin: int, advance: Advance) -> Learnt:
         """What an agent of round number `turn` learns in its `share` of steps: the best of its checkpoints, or its last weights if nothing is compared."""
         settings = self.settings
         log = self.log_dir / f"round_{turn}_candidate_{candidate}" if self.log_dir else None
@@ -176,6 +215,7 @@ def learn(
     progress: Progress | None = None,
     what: str = "agent",
     log_dir: Path | None = None,
+    kept: Path | None = None,
     jobs: int = 1,
 ) -> Learnt:
     """Learn a policy in worlds that `make` makes, under `transformation`; the result does not depend on `jobs`.
@@ -188,12 +228,13 @@ def learn(
         transformation: what the worlds make of actions.
         progress: told of the stages, called `what`.
         log_dir: where TensorBoard curves go.
+        kept: folder in which what each agent has learnt is kept, so that the same call goes on where one was stopped.
         jobs: processes that may be used.
     """
     progress = progress or Silent()
     if jobs > 1:
         compile_ahead()
-    place = _Place(make, transformation, settings, seed, log_dir)
+    place = _Place(make, transformation, settings, seed, log_dir, kept)
     found: list[Learnt] = []
     begins = [(starts[number % len(starts)], number) for number in range(settings.candidates)]
     with Crew(min(jobs, max(settings.candidates, settings.finalists))) as crew:
@@ -201,8 +242,8 @@ def learn(
             progress.stage(f"{what}, round {turn + 1} of {settings.rounds}" if settings.rounds > 1 else what, settings.steps)
             calls = [(turn, number, settings.steps // len(begins), *begin) for number, begin in enumerate(begins)]
             found += crew.side_by_side(place.learn, calls, progress.advance)
-            kept = _most_promising_of_each(found)[: max(1, settings.finalists >> turn)]
-            begins = [(one.promising, one.origin) for one in itertools.islice(itertools.cycle(kept), settings.finalists)]
+            ahead = _most_promising_of_each(found)[: max(1, settings.finalists >> turn)]
+            begins = [(one.promising, one.origin) for one in itertools.islice(itertools.cycle(ahead), settings.finalists)]
     best = max(found, key=lambda one: one.value)
     return replace(best, steps=sum(one.steps for one in found), curve=sorted(point for one in found for point in one.curve))
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import time
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,7 @@ from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import DiverseWorlds, Worlds
 from mpge_bench.envs import Task
 from mpge_bench.envs.errors import UserError
+from mpge_bench.files import write_text
 from mpge_bench.provenance import commit
 
 #: Seeds of the shipped policies: five source policies a robot (the MPGE paper's K), five of an entropy-regularised set, three target-optimal policies a pair.
@@ -64,7 +68,7 @@ class _Made:
 
 
 def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progress: Progress | None = None, jobs: int = 1) -> Path:
-    """Train one policy in the source or in the target (`kind`) and write it, with its card, to its place.
+    """Train one policy in the source or in the target (`kind`) and write it, with its card, to its place; goes on where a training was stopped.
 
     The card tells settings, seeds dropped and what they returned, what was compared on the way (round, control steps in it, mean return, agent), steps, seed,
     versions, commit, fingerprints of the motion, and the returns of the mean action over 50 episodes in the source and (of a target-optimal policy) in
@@ -77,8 +81,10 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     at_target = kind == "target"
     settings = settings_from(PolicySettings, load_preset("policies", "standard", task.name if at_target else task.robot.name))
     torch.set_num_threads(1)
-    made = _MAKERS[kind](task, settings, seed, folder, progress, jobs)
-    path, single = policy_path(task, kind, seed, folder), single_policy(made.weights, task.robot.action_limit)
+    path = policy_path(task, kind, seed, folder)
+    with _kept(path, {"settings": asdict(settings), "starts": _starts(task, kind, folder), **physics(task, kind)}) as kept:
+        made = _MAKERS[kind](task, settings, seed, folder, progress, jobs, kept)
+    single = single_policy(made.weights, task.robot.action_limit)
     places = {"source": task.source} | ({"target": task.target} if at_target else {})
     card = {
         "schema": "mpge_bench/policy/2",
@@ -94,7 +100,7 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
         "compared": made.compared,
         "steps": made.steps,
         "wall_clock_s": round(time.monotonic() - begun, 1),
-        "versions": {name: version(name) for name in ("pybullet", "stable-baselines3", "torch", "numpy")},
+        "versions": _versions(),
         "commit": commit(),
         **physics(task, kind),
     }
@@ -102,27 +108,57 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     return path
 
 
-def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
+@contextmanager
+def _kept(path: Path, about: Mapping[str, Any]) -> Iterator[Path]:
+    """A folder for what agents have learnt of the policy that goes to `path`, until that is whole; what they learnt under other terms than `about` goes."""
+    folder, terms = path.with_suffix(".rounds.partial"), json.dumps({**about, **_versions()}, indent=1)
+    note = folder / "terms.json"
+    if not note.exists() or note.read_text() != terms:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        write_text(note, terms)
+    is_whole = False
+    try:
+        yield folder
+        is_whole = True
+    finally:
+        if is_whole or not any(folder.rglob("*.safetensors")):
+            shutil.rmtree(folder)
+
+
+def _versions() -> dict[str, str]:
+    """Of the packages that a training goes by."""
+    return {name: version(name) for name in ("pybullet", "stable-baselines3", "torch", "numpy")}
+
+
+def _starts(task: Task, kind: str, folder: Path) -> list[str]:
+    """Digests of the policies that a training starts from, as target-optimal ones do from source policies."""
+    sources = load_set(task, "source", folder).weights if kind == "target" else ()
+    return [sha256(b"".join(values.tobytes() for values in weights.values())).hexdigest() for weights in sources]
+
+
+def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
     """The best of several candidates that learn from scratch; if it returns less than the robot's `least`, the seed five further on is tried."""
     dropped: dict[int, float] = {}
     while True:
-        found = learn(task.source, settings, seed, progress=progress, what=f"{task.robot.name} source policy, seed {seed}", jobs=jobs)
+        found = learn(task.source, settings, seed, progress=progress, what=f"{task.robot.name} source policy, seed {seed}", kept=kept / str(seed), jobs=jobs)
         if found.value >= settings.least or len(dropped) == settings.tries - 1:
             return _Made(found.weights, found.curve, found.steps, seed, dropped)
         dropped[seed] = found.value
         seed += len(SEEDS["source"])
 
 
-def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
+def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
     """The best of agents that start from every source policy and from scratch, learning on while doubling pays."""
     starts: list[Weights | None] = [*load_set(task, "source", folder).weights, None]
     settings = replace(settings, candidates=len(starts))
     what = f"{task.name} target policy, seed {seed}"
-    best = learn(task.target, settings, seed, starts=starts, progress=progress, what=what, jobs=jobs)
+    best = learn(task.target, settings, seed, starts=starts, progress=progress, what=what, kept=kept / "rounds", jobs=jobs)
     compared, steps, rounds = [list(point) for point in best.curve], best.steps, settings.rounds
     for doubling in range(settings.doublings):
         onward = replace(settings, rounds=rounds, candidates=settings.finalists)
-        more = learn(task.target, onward, seed + 1000 * (doubling + 1), starts=[best.weights], progress=progress, what=f"{what}, doubled", jobs=jobs)
+        own, told = seed + 1000 * (doubling + 1), f"{what}, doubled"
+        more = learn(task.target, onward, own, starts=[best.weights], progress=progress, what=told, kept=kept / f"doubling_{doubling}", jobs=jobs)
         compared += [[rounds + turn, *point] for turn, *point in more.curve]
         steps, rounds = steps + more.steps, 2 * rounds
         gained, best = more.value - best.value, max(best, more, key=lambda one: one.value)
@@ -131,8 +167,8 @@ def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
     return _Made(best.weights, compared, steps, seed, {})
 
 
-def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int) -> _Made:
-    """One that learns where it also pays to be where those before it are undecided: one candidate, whose last weights are kept."""
+def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
+    """One that learns where it also pays to be where those before it are undecided: one candidate, whose last weights are those; nothing is kept before."""
     progress.stage(f"{task.robot.name} er policy, seed {seed}", settings.steps)
     size = (task.robot.observation_size, len(task.robot.actuators))
     earlier = [arrays(load_state(policy_path(task, "er", one, folder), *size)) for one in range(seed)]

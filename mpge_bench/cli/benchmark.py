@@ -199,6 +199,8 @@ def train_policies(
     rounds until doubling them no longer pays; the best of the three is J*, normalised return 1. What every run is held against (direct, J*, errors of the
     ungrounded source) is measured once and kept beside the pair's policies, in references.json.
     The entropy-regularised set (--kind er) is made of five source policies, too: each is paid to go where those before it are undecided (MPGE, section 4).
+
+    Stopped, the same command goes on: what each agent has learnt by then lies beside its policy, in *.rounds.partial.
     """
     from mpge_bench.baselines.agent import compile_ahead
     from mpge_bench.baselines.workers import worker_pool

@@ -9,6 +9,7 @@ import pytest
 
 from mpge_bench import policies
 from mpge_bench.baselines.policy import load_state, save_policy
+from mpge_bench.baselines.ppo import PPO
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.policies import policy_path, train_policy
@@ -67,3 +68,40 @@ def test_a_target_policy_learns_on_while_doubling_pays(tmp_path, monkeypatch):
     assert {turn for turn, *_ in found[1e6]["compared"]} == {0, 1}
     assert found[-1.0]["fingerprints"] == TASK.fingerprints()
     assert found[-1.0]["steps"] > 128 + 128 + 256
+
+
+@pytest.mark.parametrize("is_same", [True, False])
+def test_a_training_that_was_stopped_goes_on_where_it_was_under_the_same_terms(tmp_path, monkeypatch, is_same):
+    """Target-optimal policies of the Minitaur take an hour and a half of a core each."""
+    tiny = policies.load_preset("", "", "") | {"checkpoints": 2, "episodes": 2, "rounds": 2, "candidates": 2, "finalists": 2}
+    monkeypatch.setattr(policies, "load_preset", lambda *_: tiny)
+    undisturbed = _weights(train_policy(TASK, "source", 0, tmp_path / "undisturbed"))
+    learnt = []
+
+    def counted(agent, until, *given):
+        learnt.append(until)
+        if len(learnt) == 3:
+            raise KeyboardInterrupt
+        return learn(agent, until, *given)
+
+    learn = PPO.learn
+    monkeypatch.setattr(PPO, "learn", counted)
+    with pytest.raises(KeyboardInterrupt):
+        train_policy(TASK, "source", 0, tmp_path)
+    partial = policy_path(TASK, "source", 0, tmp_path).with_suffix(".rounds.partial")
+    assert len(list(partial.rglob("*.safetensors"))) == 2
+    if not is_same:
+        monkeypatch.setattr(policies, "load_preset", lambda *_: tiny | {"learning_rate": 1e-3})
+    path = train_policy(TASK, "source", 0, tmp_path)
+    # Of two agents a round those of the first are there.
+    assert len(learnt) == 3 + (2 if is_same else 4)
+    assert np.array_equal(_weights(path), undisturbed) is is_same
+    assert not partial.exists()
+
+
+def test_a_training_that_cannot_begin_leaves_nothing(tmp_path):
+    with pytest.raises(UserError, match="source policy is missing"):
+        train_policy(TASK, "target", 0, tmp_path)
+    with pytest.raises(UserError, match="no such policy file"):
+        train_policy(TASK, "er", 1, tmp_path)
+    assert [one for one in tmp_path.rglob("*") if one.is_file()] == []
