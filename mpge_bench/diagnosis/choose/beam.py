@@ -52,7 +52,7 @@ def grow(trials: Trials, screening: Screening) -> None:
         if beside and beside[0][0].overall < settings.holding_leads * trials.nominal.overall:
             # What holds a joint fast hides what else there is, and nothing on all joints comes near without it.
             _follow(trials, beside, begun)
-            if min(one.overall for one in trials.models) < settings.coarse or _is_elsewhere(trials.models, trials.problem.settings):
+            if min(one.overall for one in trials.models) < settings.held or _is_elsewhere(trials.models, trials.problem.settings):
                 return
             begun = time.monotonic()
         drafts, together = _by_other_ways(trials, drafts)
