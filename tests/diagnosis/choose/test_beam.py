@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.fit.screen import screen
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Gravity, InertiaScale, JointSpring, Payload, StribeckFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Gravity, InertiaScale, JointSpring, Payload
 
 from ..conftest import posed, searching
 
@@ -61,21 +61,6 @@ def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:
     (found,) = asked.fitter().grow([], load).effects
     assert isinstance(found, Payload)
     assert (found.mass, found.distance) == pytest.approx((0.02, 0.38), rel=0.1)
-
-
-@pytest.mark.parametrize("hidden", [StribeckFriction("elbow", 0.06, 0.12, 0.3), CoulombFriction("elbow", 0.1)])
-def test_where_nothing_is_left_to_look_for_richer_friction_is_tried(rig: Rig, hidden: Effect) -> None:
-    """Of a joint that sticks a look told nothing more, and dry friction was the answer, with twice what was left of the error."""
-    asked = posed(rig, hidden, seconds=4.0, noise=5e-4)
-    trials = searching(asked)
-    (pair,) = trials.polished([[CoulombFriction("elbow", 0.1)]])
-    beam._try_richer_friction(trials, *pair)
-    (found,) = trials.models[1].effects
-    assert (found.name, found.target) == ("stribeck_friction", "elbow")
-    assert isinstance(found, StribeckFriction)
-    assert trials.is_better(pair[0], trials.models[1]) is (hidden == StribeckFriction("elbow", 0.06, 0.12, 0.3))
-    if isinstance(hidden, StribeckFriction):
-        assert (found.coulomb, found.static) == pytest.approx((0.06, 0.12), rel=0.1)
 
 
 @pytest.mark.slow

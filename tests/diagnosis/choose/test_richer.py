@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import pytest
 
-from mpge_bench.diagnosis.choose.richer import richer
+from mpge_bench.diagnosis.choose.richer import richer, try_richer_friction
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is
-from mpge_bench.envs.effects import Armature, JointElasticity
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, JointElasticity, StribeckFriction
 
 from ..conftest import posed, searching
+
+
+@pytest.mark.parametrize("hidden", [StribeckFriction("elbow", 0.06, 0.12, 0.3), CoulombFriction("elbow", 0.1)])
+def test_where_nothing_is_left_to_look_for_richer_friction_is_tried(rig: Rig, hidden: Effect) -> None:
+    """Of a joint that sticks a look told nothing more, and dry friction was the answer, with twice what was left of the error."""
+    asked = posed(rig, hidden, seconds=4.0, noise=5e-4)
+    trials = searching(asked)
+    (pair,) = trials.polished([[CoulombFriction("elbow", 0.1)]])
+    try_richer_friction(trials, *pair)
+    (found,) = trials.models[1].effects
+    assert (found.name, found.target) == ("stribeck_friction", "elbow")
+    assert isinstance(found, StribeckFriction)
+    assert trials.is_better(pair[0], trials.models[1]) is (hidden == StribeckFriction("elbow", 0.06, 0.12, 0.3))
+    if isinstance(hidden, StribeckFriction):
+        assert (found.coulomb, found.static) == pytest.approx((0.06, 0.12), rel=0.1)
 
 
 @pytest.mark.slow
