@@ -210,7 +210,7 @@ def _answer(data: Mapping[str, Any], out: Path) -> Answer:
     laws = [(one["law"], tied(one["target"], one.get("other"))) for one in data["effects"] if one.get("law")]
     places = [one["name"] for one in data["where"] if one["kind"] == "joint"]
     mismatch = data["verdict"] not in ("no_mismatch", "too_little_data")
-    return Answer(mismatch, effects, equals, laws, places, str(out / "corrected.yaml"), data["p_value"], data["verdict"], data["complete"])
+    return Answer(mismatch, effects, equals, laws, places, str(out.resolve() / "corrected.yaml"), data["p_value"], data["verdict"], data["complete"])
 
 
 def ask(address: str, rig: Path, recordings: Sequence[Path], out: Path, seconds: float) -> None:

@@ -206,7 +206,11 @@ def numbers(case: Truth, answer: Answer) -> dict[str, Any]:
 
 
 def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
-    """Of unseen recordings."""
+    """Of unseen recordings.
+
+    Raises:
+        UserError: if the corrected simulator that the answer names is not there, as where `score` goes on in a folder that was moved.
+    """
     rig = read_rig(case.given / "rig.yaml")
     tests = [read_recording(path, rig) for path in case.unseen]
 
@@ -214,7 +218,7 @@ def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
         return unseen_error(with_effects(corrected, effects), tests, rig.layout)
 
     nothing = error(rig)
-    corrected = error(read_rig(Path(answer.corrected))) if answer.corrected and Path(answer.corrected).exists() else nothing
+    corrected = error(read_rig(Path(answer.corrected))) if answer.corrected else nothing
     true = None
     if not case.is_outside:
         # What our simulator cannot carry has no error.

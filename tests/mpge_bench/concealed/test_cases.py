@@ -19,7 +19,7 @@ from mpge_bench.concealed.draw import FLOATING, GEOMETRY, KINDS, LEAST_VISIBLE, 
 from mpge_bench.concealed.laws import ACTUATOR
 from mpge_bench.concealed.make import _made, _recorded, _system
 from mpge_bench.concealed.mechanism import Array, Case, Effect, Rig
-from mpge_bench.concealed.score import Truth, cases_of, score
+from mpge_bench.concealed.score import Truth, _errors, cases_of, score
 from mpge_bench.concealed.summary import lines
 from mpge_bench.cores import cores
 from mpge_bench.diagnosis import pipeline
@@ -275,18 +275,27 @@ def test_of_a_coupling_both_joints_are_to_be_said(tmp_path: Path, monkeypatch: p
     assert (row["right"], row["false_name"], row["formula"]) == (True, False, right)
 
 
-def test_our_own_answers_are_read_from_diagnosis_json(tmp_path: Path) -> None:
+def test_our_own_answers_are_read_from_diagnosis_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gain = {"effect": "torque_gain", "target": "elbow", "confidence": 0.5, "parameters": {"gain": {"value": 0.8, "low": 0.7, "high": 0.9}}}
     law = {"effect": "unknown", "law": "periodic_torque", "target": "shoulder", "confidence": 1.0, "parameters": {}}
     data = {"verdict": "partly_explained", "p_value": 1e-9, "complete": True, "effects": [gain, law], "where": [{"kind": "joint", "name": "elbow"}]}
     data |= {"schema": "mpge_bench/diagnosis/1", "detectable": [], "indistinguishable": [["torque_gain:elbow", "mass_scale:lower + gravity:world"]]}
     (tmp_path / "diagnosis.json").write_text(json.dumps(data))
-    found = answer_of(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    found = answer_of(Path())
     assert found.mismatch
+    # Whoever goes on with the scores may stand elsewhere.
+    assert found.corrected == str(tmp_path.resolve() / "corrected.yaml")
     assert [(one.effect, one.target, one.parameters) for one in found.effects] == [("torque_gain", "elbow", {"gain": (0.8, 0.7, 0.9)})]
     assert found.laws == [("periodic_torque", "shoulder")]
     assert found.equals == [[("mass_scale", "lower"), ("gravity", "world")]]
     assert Answer.from_json(found.to_json()) == found
+
+
+def test_a_corrected_simulator_that_is_not_there_is_no_uncorrected_one(folder: Path, tmp_path: Path) -> None:
+    """Errors of a hundred answers were those of the uncorrected simulator, since their folder was named from another place."""
+    with pytest.raises(UserError, match=r"gone/corrected\.yaml"):
+        _errors(Truth(folder / "given" / "c0000", folder / "kept" / "c0000"), Answer(True, corrected=str(tmp_path / "gone" / "corrected.yaml")))
 
 
 @pytest.mark.parametrize(("name", "processes"), [("Ours", 1), ("OnAllCores", cores())])
