@@ -78,15 +78,14 @@ def acts_at_the_start(problem: Problem, model: Model) -> bool:
 
     As a limit that motors reach only as a controller is switched on. Nothing is told there where anything remembers what was before.
     """
-    rig, begun = problem.rig, problem.from_the_start()
-    first = begun.windows.start == 0
-    if any(effect.remembers for effect in rig.chain(model.effects)) or (problem.windows.start == 0).any():
+    if any(effect.remembers for effect in problem.rig.chain(model.effects)) or (problem.windows.start == 0).any():
         return False
+    begun = problem.from_the_start()
     try:
-        missed = as_it_is(begun, model.effects).missed[first]
+        missed = as_it_is(begun, model.effects).missed
     except np.linalg.LinAlgError:
         return False
-    return float(missed.max()) > problem.settings.choose.coarse
+    return float(missed[begun.windows.start == 0].max()) > problem.settings.choose.coarse
 
 
 def chance_of(mean_square: float, windows: int, settings: ChooseSettings) -> float:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose import choice
-from mpge_bench.diagnosis.choose.choice import chance_of, shown_to_some
+from mpge_bench.diagnosis.choose.beam import shown_to_some
+from mpge_bench.diagnosis.choose.choice import chance_of
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import Measurements
