@@ -82,29 +82,30 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     settings = settings_from(PolicySettings, load_preset("policies", "standard", task.name if at_target else task.robot.name))
     torch.set_num_threads(1)
     path = policy_path(task, kind, seed, folder)
-    with _kept(path, {"settings": asdict(settings), "starts": _starts(task, kind, folder), **physics(task, kind)}) as kept:
+    motion = physics(task, kind)
+    with _kept(path, {"settings": asdict(settings), "starts": _starts(task, kind, folder), **motion}) as kept:
         made = _MAKERS[kind](task, settings, seed, folder, progress, jobs, kept)
-    single = single_policy(made.weights, task.robot.action_limit)
-    places = {"source": task.source} | ({"target": task.target} if at_target else {})
-    card = {
-        "schema": "mpge_bench/policy/2",
-        "robot": task.robot.name,
-        "task": task.name if at_target else None,
-        "trained_in": kind,
-        "algorithm": "PPO",
-        "seed": made.seed,
-        "dropped": made.dropped,
-        "settings": asdict(settings),
-        "diversity_coefficient": DIVERSITY if kind == "er" else None,
-        "returns": {place: asdict(returns(make, single)) for place, make in places.items()},
-        "compared": made.compared,
-        "steps": made.steps,
-        "wall_clock_s": round(time.monotonic() - begun, 1),
-        "versions": _versions(),
-        "commit": commit(),
-        **physics(task, kind),
-    }
-    save_policy(path, tensors(made.weights), card)
+        single = single_policy(made.weights, task.robot.action_limit)
+        places = {"source": task.source} | ({"target": task.target} if at_target else {})
+        card = {
+            "schema": "mpge_bench/policy/2",
+            "robot": task.robot.name,
+            "task": task.name if at_target else None,
+            "trained_in": kind,
+            "algorithm": "PPO",
+            "seed": made.seed,
+            "dropped": made.dropped,
+            "settings": asdict(settings),
+            "diversity_coefficient": DIVERSITY if kind == "er" else None,
+            "returns": {place: asdict(returns(make, single)) for place, make in places.items()},
+            "compared": made.compared,
+            "steps": made.steps,
+            "wall_clock_s": round(time.monotonic() - begun, 1),
+            "versions": _versions(),
+            "commit": commit(),
+            **motion,
+        }
+        save_policy(path, tensors(made.weights), card)
     return path
 
 

@@ -48,10 +48,10 @@ def grow(trials: Trials, screening: Screening) -> None:
             if min(one.overall for one in trials.models) < settings.coarse:
                 return
             begun = time.monotonic()
-        beside = _added(trials, held(trials))
-        if beside and beside[0][0].overall < settings.holding_leads * trials.nominal.overall:
+        beside = held(trials)
+        if min((model.overall for model, _ in beside), default=np.inf) < settings.holding_leads * trials.nominal.overall:
             # What holds a joint fast hides what else there is, and nothing on all joints comes near without it.
-            _follow(trials, beside, begun)
+            _follow(trials, _added(trials, beside), begun)
             if min(one.overall for one in trials.models) < settings.held or _is_elsewhere(trials.models, trials.problem.settings):
                 return
             begun = time.monotonic()
