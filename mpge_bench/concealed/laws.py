@@ -42,12 +42,16 @@ def lag(i: int, time_constant: float) -> Law:
 
 
 def motor_side(i: int, inertia: float, transmit: Callable[[float, float], float], substeps: int = 10) -> Law:
-    """A motor with an angle of its own, on the joint's side of the gear; `transmit` gives the joint's torque from the two sides' difference and its rate."""
+    """A motor with an angle of its own, on the joint's side of the gear; `transmit` gives the joint's torque from the two sides' difference and its rate.
+
+    MuJoCo applies the torque to a position of half a step before the middle of the torque's own time: without the shift the drive damps by itself.
+    """
     angle, speed, h = math.nan, 0.0, H / substeps
 
     def law(tau: float, q: list[float], w: list[float], t: float) -> float:
         nonlocal angle, speed
-        joint, rate, total = q[i], w[i], 0.0
+        rate, total = w[i], 0.0
+        joint = q[i] - rate * (H - h) / 2
         if math.isnan(angle):
             angle, speed = joint, rate
         for _ in range(substeps):
