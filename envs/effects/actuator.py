@@ -485,6 +485,7 @@ class Backlash(Effect):
     parameters = {"width": Parameter("rad", 0.0, 3.0, step=0.05), "motor_inertia": Parameter("kg m²", 1e-7, 1e3, step=0.01)}
     remembers = True
     swings = True
+    jumps = True
     needs_motor = True
     place = 80
 

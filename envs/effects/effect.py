@@ -191,6 +191,8 @@ class Effect:
     remembers: ClassVar[bool] = False
     #: True where a motor of its own inertia answers to the joint's motion: nobody records where it is at the start of a prediction.
     swings: ClassVar[bool] = False
+    #: True where predictions jump with its parameters: derivatives at a point do not tell how they go on.
+    jumps: ClassVar[bool] = False
     #: True where it needs a motor: it says nothing of a passive joint.
     needs_motor: ClassVar[bool] = False
     #: True where it is a part of the motor: on a passive joint it can be put, but recordings of one are not searched for it.

@@ -94,6 +94,12 @@ def asking(rig: Rig, recordings: Sequence[Recording]) -> Problem:
     return problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
 
 
+def asking_with(path: Path) -> Problem:
+    """What the recordings beside the rig at `path` ask."""
+    rig = read_rig(path)
+    return asking(rig, read_recordings(sorted(path.parent.glob("*.csv")), rig))
+
+
 def searching(asked: Problem, deadline: float = math.inf) -> Trials:
     """A search among all candidates, of which nothing was begun."""
     return Trials(asked, candidates(asked.rig, asked.scales), nominal(asked), Workers(1), Clock(0.0, deadline))

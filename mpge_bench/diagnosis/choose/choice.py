@@ -14,6 +14,7 @@ from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.richer import richer
 from mpge_bench.diagnosis.choose.score import odds
+from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
@@ -169,6 +170,6 @@ def _begun_anew(trials: Trials, problem: Problem, options: Sequence[Candidate]) 
 
 def _settled(trials: Trials, chosen: Model) -> Model:
     """`chosen` fitted to the end or, where a plainer model then does as well, that: what was better before may have been so by how far it was fitted."""
-    settled = trials.settled(chosen)
-    plain = plainer(trials, settled)
-    return settled if plain is settled else trials.settled(plain)
+    first = settled(trials, chosen)
+    plain = plainer(trials, first)
+    return first if plain is first else settled(trials, plain)

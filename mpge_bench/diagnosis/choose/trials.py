@@ -18,12 +18,13 @@ from mpge_bench.diagnosis.choose.score import gain, idle, is_better, is_doubtles
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
+from mpge_bench.diagnosis.fit.regressed import smoothed
 from mpge_bench.diagnosis.fit.simulator import as_it_is, drafted, polished, unforgiven
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import begin_budget, is_past
 from mpge_bench.envs.effects import Effect
-from mpge_bench.envs.effects.vector import parameters_of, values_of
+from mpge_bench.envs.effects.vector import parameters_of
 
 _log = logging.getLogger(__name__)
 
@@ -240,7 +241,7 @@ class Trials:
 
     def polished(self, sets: Sequence[Sequence[Effect]]) -> list[tuple[Model, LinearFitter]]:
         """Each set of effects fitted to the end."""
-        return self.each(polished, (), sets)
+        return self.each(smoothed, (), sets)
 
     def grown(self, fitter: LinearFitter, steps: Sequence[tuple[Sequence[Effect], Candidate]]) -> list[Fit]:
         """Of each step its effects and a candidate beside them, fitted in the linearised simulator."""
@@ -264,21 +265,6 @@ class Trials:
     def refined(self, fitter: LinearFitter, fits: Sequence[Fit]) -> list[Model]:
         """`fits` refined a little in the simulator."""
         return [self.fitted(draft) for draft in self.each(drafted, (fitter,), fits)]
-
-    def settled(self, model: Model) -> Model:
-        """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""
-        train = ~self.problem.validation
-        for _ in range(self.settings.settlings if model.parameters else 0):
-            if self.cut_short("fitting the answer to the end"):
-                break
-            again, _ = polished(self.problem, model.effects, evaluations=1)
-            if again.level_beside(model, train) > (1 + self.settings.material) * model.level_beside(again, train):
-                break
-            moved = np.abs(np.subtract(values_of(again.effects), values_of(model.effects))) / again.standard_errors
-            model = self.add(again)
-            if moved.max() < self.settings.settled:
-                break
-        return model
 
     def as_exported(self, model: Model) -> Model:
         """`model` or, where that predicts better in the simulator as it is exported, without nuisances, with parameters that make up for these.

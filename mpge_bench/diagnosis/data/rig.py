@@ -105,6 +105,10 @@ class Rig:
         """Those of `chain` with a motor that answers to the joint's motion."""
         return tuple(effect for effect in self.chain(effects) if effect.swings)
 
+    def jumps(self, effects: Sequence[Effect] = ()) -> bool:
+        """Whether predictions jump with the parameters of one of `chain`."""
+        return any(effect.jumps for effect in self.chain(effects))
+
     def own(self, effect: Effect) -> Effect | None:
         """What the rig itself says of the physics that `effect` is about: what it would correct."""
         alike = [own for own in self.nominal if effect.corrects(own)]

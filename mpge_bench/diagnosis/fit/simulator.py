@@ -58,6 +58,23 @@ def described(problem: Problem, effects: Sequence[Effect]) -> tuple[Model, Linea
     return _judged(problem, fitter, _refined(problem, fitter, fit, 0), fit.jacobian)
 
 
+def with_derivatives(problem: Problem, effects: Sequence[Effect], jacobian: Array) -> tuple[Model, LinearFitter]:
+    """As `described`, with a `jacobian` that is known, shape (parameters, windows, rows * channels).
+
+    Raises:
+        LinAlgError: where the linearised simulator flies apart.
+    """
+    fitter = problem.fitter(tuple(effects))
+    fit = replace(fitter.at(effects), jacobian=jacobian)
+    return _judged(problem, fitter, _refined(problem, fitter, fit, 0), jacobian)
+
+
+def left_by(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> Array | None:
+    """What `effects` leave in the simulator from the fitter's own starting states, shape (windows, rows * channels); None if it is unstable."""
+    found = _tried(problem, fitter, tuple(effects), fitter.predictor.first, None)
+    return None if found is None else found.residuals
+
+
 def nominal(problem: Problem) -> tuple[Model, LinearFitter]:
     """The model of no effects, and its fitter."""
     fitter = problem.fitter()

@@ -135,6 +135,12 @@ class FitSettings:
         (1e-4, 1e-2, 1.0), "share of the curve's own weight", "smoothness of nameless curves, chosen within the train windows"
     )
     rough: float = setting(0.02, "share of a parameter", "least step of derivatives of errors from recorded states, which joints that stick make rough")
+    regressed: float = setting(0.1, "share of the noise", "squared, by which points change the prediction that a fit lays a curve through")
+    regressed_reach: float = setting(0.2, "share of a parameter", "that is a standard deviation of such points, at most")
+    regressed_points: int = setting(5, "points", "for each coefficient of the curve: those of play jump by .07 of the noise, squared")
+    regressions: int = setting(3, "fits", "by such curves, at most, on the way to an answer")
+    regressed_few: int = setting(2, "points", "for each coefficient, on the way to an answer")
+    regressed_most: float = setting(4.0, "standard deviations", "of the points that a step leads beyond their middle, at most")
     unstable: float = setting(1e6, "standard deviations", "residual of a model under which the simulation flies apart: no candidate")
 
 
@@ -183,6 +189,7 @@ class ChooseSettings:
     near: float = setting(3.0, "times the noise", "the simulator alone leads on from here; a plainer model must come as near to be fitted in full")
     converged: float = setting(0.05, "share", "of what is missed; a fit that gains less is the last")
     settled: float = setting(0.3, "standard errors", "an answer of which no parameter moves by more when it is fitted anew is fitted to the end")
+    regressions: int = setting(5, "fits", "of the answer by curves through many points, at most: later ones go to and fro")
     settlings: int = setting(8, "fits", "of the answer about its own fit, at most")
     apart: float = setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
     alike: float = setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")

@@ -9,15 +9,11 @@ import pytest
 
 from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.data.checks import measurements, read_recordings
-from mpge_bench.diagnosis.data.rig import Rig, read_rig
-from mpge_bench.diagnosis.fit.problem import problem
-from mpge_bench.diagnosis.predict.smooth import reference
-from mpge_bench.diagnosis.settings import DEFAULT
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, LoadFriction, PositionServo, ViscousFriction
 from mpge_bench.envs.effects.vector import parameters_of
 
-from ..conftest import posed, searching, write_case
+from ..conftest import asking_with, posed, searching, write_case
 
 HIDDEN = (CoulombFriction("shoulder", 0.3), CoulombFriction("elbow", 0.15), Armature("shoulder", 0.05), Armature("elbow", 0.01), ViscousFriction("elbow", 0.1))
 
@@ -45,10 +41,7 @@ def test_without_time_nothing_is_begun_and_that_is_said(rig: Rig) -> None:
 @pytest.mark.slow
 def test_a_servo_of_which_the_rig_knows_no_damping_has_other_gains_and_a_gear(tmp_path: Path) -> None:
     hidden = PositionServo("hinge", 9.0, 0.3), LoadFriction("hinge", 0.1), Armature("hinge", 0.02)
-    rig = read_rig(write_case(tmp_path, hidden, servo={"kp": 6.0}, noise=2e-4))
-    measured = measurements(rig, read_recordings(sorted(tmp_path.glob("*.csv")), rig), DEFAULT)
-    asked = problem(measured, reference(rig, measured.recordings), DEFAULT.predict.horizon)
-    trials = searching(asked)
+    trials = searching(asking_with(write_case(tmp_path, hidden, servo={"kp": 6.0}, noise=2e-4)))
     found = everywhere(trials)
     assert found
     values = {one.name: parameters_of(one) for one in found[0].effects}

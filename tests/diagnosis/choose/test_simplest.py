@@ -10,6 +10,7 @@ import pytest
 from mpge_bench.diagnosis.choose import simplest as simplest_module
 from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
+from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, simplest
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest
@@ -41,7 +42,7 @@ def test_an_answer_whose_gain_over_a_plainer_one_went_as_it_was_fitted_to_the_en
     """A stiff drive predicted by 2% better than a rotor for as long as neither was fitted to the end."""
     trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
     stiff = as_it_is(trials.problem, (JointElasticity("elbow", 3000.0, 20.0, 0.02),))
-    assert trials.settled(stiff).effects[0].name == "joint_elasticity"
+    assert settled(trials, stiff).effects[0].name == "joint_elasticity"
     found = _settled(trials, stiff)
     assert [effect.name for effect in found.effects] == ["armature"]
 

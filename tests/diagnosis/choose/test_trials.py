@@ -4,52 +4,18 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose import trials
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.fit.linear import Fit
-from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import nominal
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Effect, Lag, Payload, ViscousFriction
+from mpge_bench.envs.effects import Lag, Payload, ViscousFriction
 
 from ..conftest import posed, searching
-
-
-def _model(damping: float, missed: float = 1.0) -> Model:
-    fit = Fit((ViscousFriction("hinge", damping),), np.full((8, 5), missed), np.ones((1, 8, 5)))
-    return Model(fit, missed, missed, missed, np.full(8, missed), np.ones(8), 1, (), np.full(1, 0.01), 2.6, np.zeros(1))
-
-
-@pytest.mark.parametrize(("far", "missed", "fits", "end"), [(0.1, 1.0, 6, 0.1016), (0.1, 1.5, 1, 0.2), (0.001, 1.0, 1, 0.101)])
-def test_the_answer_is_fitted_until_no_parameter_moves_by_what_its_interval_means(
-    monkeypatch: pytest.MonkeyPatch, far: float, missed: float, fits: int, end: float
-) -> None:
-    """Each fit goes half of the way, as where a valley is bent; a worse one is not taken."""
-    tried = 0
-
-    def polished(problem: Any, effects: tuple[Effect, ...], *, evaluations: int) -> tuple[Model, None]:
-        nonlocal tried
-        tried += 1
-        (effect,) = effects
-        assert isinstance(effect, ViscousFriction)
-        return _model(0.1 + (effect.damping - 0.1) / 2, missed), None
-
-    monkeypatch.setattr(trials, "polished", polished)
-    notebook = object.__new__(Trials)
-    notebook.problem = SimpleNamespace(settings=DEFAULT, validation=np.arange(8) > 5)  # type: ignore[assignment]
-    notebook.models, notebook.cut, notebook.clock, notebook._advance = [], {}, Clock(0.0, np.inf), lambda steps: None
-    found = notebook.settled(_model(0.1 + far))
-    assert tried == fits
-    assert isinstance(found.effects[0], ViscousFriction)
-    assert found.effects[0].damping == pytest.approx(end, rel=0.02)
 
 
 def test_what_is_exported_makes_up_for_what_nuisances_explained(rig: Rig) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.checks import measurements
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit import simulator
@@ -19,13 +19,11 @@ from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.envs.effects import Backlash, Effect, JointElasticity, SensorDelay, TorqueLimit, ViscousFriction
 from mpge_bench.envs.effects.vector import values_of
 
-from ..conftest import posed, write_case, write_rig
+from ..conftest import asking_with, posed, write_case, write_rig
 
 
 def _posed(folder: Path, *effects: Effect) -> Problem:
-    rig = read_rig(write_case(folder, effects))
-    measured = measurements(rig, read_recordings(sorted(folder.glob("*.csv")), rig))
-    return problem(measured, reference(rig, measured.recordings), 0.5)
+    return asking_with(write_case(folder, effects))
 
 
 @pytest.mark.slow

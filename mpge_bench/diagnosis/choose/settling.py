@@ -1,0 +1,47 @@
+"""The answer fitted to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.fit.linear import LinearFitter
+from mpge_bench.diagnosis.fit.problem import Model
+from mpge_bench.diagnosis.fit.regressed import regressed
+from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.envs.effects.vector import values_of
+
+Again = Callable[[Model], tuple[Model, LinearFitter] | None]
+
+
+def settled(trials: Trials, model: Model) -> Model:
+    """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""
+    problem, settings, train = trials.problem, trials.settings, ~trials.problem.validation
+    model = _nearer(trials, model, lambda one: polished(problem, one.effects, evaluations=1), settings.settlings, train, settings.material)
+    if problem.rig.jumps(model.effects):
+        # What is left varies by a few percent from point to point there, and no few windows are to decide.
+        every = np.ones_like(train)
+        points = problem.settings.fit.regressed_points
+        model = _nearer(trials, model, lambda one: regressed(problem, one, points, trials.each), settings.regressions, every, settings.coarse_material)
+    return model
+
+
+def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.NDArray[np.bool_], worse: float) -> Model:
+    """`model` fitted `again`, `most` times, until no parameter moves any more or `windows` are missed by such a share more."""
+    for _ in range(most if model.parameters else 0):
+        if trials.cut_short("fitting the answer to the end"):
+            break
+        anew = again(model)
+        if anew is None:
+            break
+        found, _ = anew
+        if found.level_beside(model, windows) > (1 + worse) * model.level_beside(found, windows):
+            break
+        moved = np.abs(np.subtract(values_of(found.effects), values_of(model.effects))) / found.standard_errors
+        model = trials.add(found)
+        if moved.max() < trials.settings.settled:
+            break
+    return model
