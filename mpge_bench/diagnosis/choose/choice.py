@@ -13,7 +13,7 @@ from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.richer import richer
-from mpge_bench.diagnosis.choose.score import odds
+from mpge_bench.diagnosis.choose.score import is_doubtless, odds
 from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
@@ -150,6 +150,7 @@ def choose(
             chosen = with_curves(trials, as_used)
         else:
             chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, needed(trials, nearer) if nearer else named))))
+            chosen = _overlooked(trials, chosen)
         chosen = trials.as_exported(acting(trials, chosen))
     models, alike = tuple(trials.models), twins(trials, chosen)
     is_far = trials.are_far([chosen])
@@ -166,6 +167,21 @@ def _begun_anew(trials: Trials, problem: Problem, options: Sequence[Candidate]) 
         trials.add(trials.converged(*pair)[0])
     if not any(trials.is_clean(one) for one in trials.models):
         grow(trials, again.screening)
+
+
+def _overlooked(trials: Trials, chosen: Model) -> Model:
+    """`chosen` or what was fitted on the way and is better without a doubt: that was an equal of something else, and then of nothing that was chosen.
+
+    As two elastic drives were that were held against play and a drive, of which one was a rotor in the end, and the other none.
+    """
+    if trials.cut or trials.are_far([chosen]) or (chosen.effects and not _is_named(chosen)):
+        return chosen
+    better = [one for one in trials.known().values() if _is_named(one) and is_doubtless(trials.problem, chosen, one) and trials.is_better(chosen, one)]
+    return _settled(trials, needed(trials, unbeaten(trials, better)[0])) if better else chosen
+
+
+def _is_named(model: Model) -> bool:
+    return bool(model.effects) and all(effect.named and not effect.is_formula for effect in model.effects)
 
 
 def _settled(trials: Trials, chosen: Model) -> Model:

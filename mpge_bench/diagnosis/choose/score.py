@@ -67,6 +67,17 @@ def is_doubtless(problem: Problem, simple: Model, rich: Model) -> bool:
     return odds(problem, simple, rich) > problem.settings.choose.doubtless + rich.parameters - simple.parameters
 
 
+def is_sharper(problem: Problem, simple: Model, rich: Model) -> bool:
+    """Whether `rich` predicts what `simple` only leaves itself room for, since half the physics step matters to it: such windows leave no doubt of that.
+
+    Of a drive that rings within a few physics steps anything is a prediction.
+    """
+    settings = problem.settings
+    roomy = simple.tolerance > settings.choose.room * rich.tolerance
+    without = log_odds((simple.missed * simple.tolerance)[roomy], (rich.missed * rich.tolerance)[roomy], settings.fit.pieces) if roomy.any() else 0.0
+    return without > settings.choose.doubtless + max(0, rich.parameters - simple.parameters)
+
+
 def means_something(problem: Problem, effect: Effect) -> bool:
     """Whether the parameters of `effect` are of a size that means something."""
     return effect.is_plausible(problem.scale(effect.target))

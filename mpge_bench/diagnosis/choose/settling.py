@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.diagnosis.choose.score import is_sharper
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
@@ -38,7 +39,7 @@ def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.
         if anew is None:
             break
         found, _ = anew
-        if found.level_beside(model, windows) > (1 + worse) * model.level_beside(found, windows):
+        if found.level_beside(model, windows) > (1 + worse) * model.level_beside(found, windows) or is_sharper(trials.problem, found, model):
             break
         moved = np.abs(np.subtract(values_of(found.effects), values_of(model.effects))) / found.standard_errors
         model = trials.add(found)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mpge_bench.diagnosis.choose.exported import best_exported, exported_error, noise_floors, validation_recordings
-from mpge_bench.diagnosis.choose.score import gain, idle, is_better, is_doubtless
+from mpge_bench.diagnosis.choose.score import gain, idle, is_better, is_doubtless, is_sharper
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -188,6 +188,10 @@ class Trials:
         if self.are_far([simple, rich]):
             before, after = (self._used(one.effects) ** 2 for one in (simple, rich))
             return after < (1 - least) * before
+        if self._is_sharper(rich, simple):
+            return False
+        if self._is_sharper(simple, rich):
+            return True
         if self._explained(simple, rich) < self.settings.step_told * self._stepped:
             return False
         if not is_better(self.problem, simple, rich) or (materially and gain(simple, rich, self.problem.validation)[0] < least):
@@ -199,6 +203,9 @@ class Trials:
         if self.explains(rich) and not self.explains(simple) and is_doubtless(self.problem, simple, rich):
             return True
         return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
+
+    def _is_sharper(self, simple: Model, rich: Model) -> bool:
+        return self.explains(rich) and is_sharper(self.problem, simple, rich)
 
     def _explained(self, simple: Model, rich: Model) -> float:
         """What `rich` explains beyond `simple`: a sum of squares in standard deviations of the noise."""

@@ -162,6 +162,7 @@ class ChooseSettings:
     coarse_errors: float = setting(1.0, "standard errors", "far from the noise, where windows differ too much for two")
     far: float = setting(3.0, "times the error that noise and physics step make", "beyond it models are judged as they will be used, from recorded states")
     doubtless: float = setting(5.0, "log odds", "150 to 1: few windows are enough that are explained whole, and so much more than noise")
+    room: float = setting(2.0, "times another model's", "that is left for the physics step, from where on the other may be held against it by what it predicts")
     touched: float = setting(0.02, "share of a window's sum of squares", "by which it differs where two models predict it differently")
     few_touched: int = setting(3, "windows", "with no more than these touched, all windows are taken")
     slight: float = setting(0.005, "share of a joint's or motor's torque", "what two simulators differ in is often mended by tiny stiffness or play: no effect")

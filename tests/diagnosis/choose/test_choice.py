@@ -26,9 +26,9 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, key, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
 from mpge_bench.envs.compiled import begin_budget
-from mpge_bench.envs.effects import CoulombFriction, Effect, Lag, TorqueLimit, ViscousFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Lag, TorqueLimit, ViscousFriction
 
-from ..conftest import ARM, asking, noisy, posed, record, write_rig
+from ..conftest import ARM, asking, noisy, posed, record, searching, write_rig
 
 
 @pytest.mark.parametrize("windows", [10, 30, 100])
@@ -157,6 +157,21 @@ def test_a_model_that_left_nothing_of_what_it_was_fitted_to_is_not_searched_for_
     assert found.chosen.key == {"viscous_friction:elbow"}
     assert found.chosen.validation < 1.2
     assert len(searches) == 1
+
+
+@pytest.mark.parametrize(("cut", "told"), [(False, True), (True, False)])
+def test_what_was_fitted_on_the_way_and_is_better_than_the_answer_is_the_answer(rig: Rig, cut: bool, told: bool) -> None:
+    """Two elastic drives were an equal of nothing that was chosen, but better than the answer: one of them was there, and the other a rotor."""
+    right = (ViscousFriction("elbow", 0.2),)
+    trials = searching(posed(rig, *right, seconds=4.0, noise=2e-4))
+    chosen = trials.add(as_it_is(trials.problem, (*right, CoulombFriction("shoulder", 0.016))))
+    trials.add(as_it_is(trials.problem, (*right, Armature("shoulder", 1e-6))))
+    if cut:
+        trials.cut["combining effects"] = None
+    found = choice._overlooked(trials, chosen)
+    assert (found is not chosen) == told
+    assert found.key == ({"viscous_friction:elbow"} if told else chosen.key)
+    assert choice._overlooked(trials, found) is found
 
 
 @pytest.mark.slow

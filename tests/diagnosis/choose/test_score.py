@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.score import gain, is_better, weighed
+from mpge_bench.diagnosis.choose.score import gain, is_better, is_sharper, weighed
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Fit
@@ -91,6 +92,16 @@ def test_none_is_better_because_it_leaves_itself_more_room() -> None:
     assert not is_better(PROBLEM, model(missed), model(missed / 4, tolerance=4.0))
     assert not is_better(PROBLEM, model(missed / 4, tolerance=4.0), model(missed))
     assert is_better(PROBLEM, model(8 * missed), model(missed, tolerance=4.0))
+
+
+@pytest.mark.parametrize(("windows", "missed", "told"), [(1, 2.5, False), (1, 40.0, True), (40, 1.9, False), (40, 2.5, True), (0, 1.0, False)])
+def test_what_is_predicted_is_sharper_than_what_is_only_left_room_for(windows: int, missed: float, told: bool) -> None:
+    """Of a drive that rings within a few physics steps half a step changed windows by twelve times the noise, which it missed by as much."""
+    noise = np.random.default_rng(0).uniform(0.9, 1.1, WINDOWS)
+    tolerance = np.where(np.arange(WINDOWS) < windows, missed, 1.0)
+    roomy, sharp = replace(model(noise), tolerance=tolerance), model(noise)
+    assert is_sharper(PROBLEM, roomy, sharp) == told
+    assert not is_sharper(PROBLEM, sharp, roomy)
 
 
 def test_what_acts_on_a_motor_is_weighed_by_what_the_motor_delivers(rig: Rig) -> None:

@@ -103,6 +103,20 @@ def test_what_alone_explains_all_in_windows_is_better_whatever_is_lost_as_export
     assert not notebook.is_better(rich, simple)
 
 
+@pytest.mark.parametrize(("left", "told"), [(0.9, True), (1.6, False)])
+def test_what_is_predicted_is_better_than_what_is_only_left_room_for(rig: Rig, left: float, told: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stiff drive was none the worse for windows that half a physics step changed by twelve times the noise, and the right one loses from recorded states."""
+    notebook = searching(posed(rig, ViscousFriction("elbow", 0.2), seconds=3.0, noise=1e-3))
+    ((right, _),) = notebook.polished([[ViscousFriction("elbow", 0.2)]])
+    roomy = replace(right, fit=replace(right.fit, effects=()), tolerance=100 * right.tolerance)
+    right = replace(right, train=left)
+    errors = {right.effects: 1.5, (): 1.0}
+    monkeypatch.setattr(notebook, "_exported", errors.__getitem__)
+    notebook._stepped, notebook._floor = 0.0, 0.6
+    assert notebook.is_better(roomy, right) == told
+    assert not notebook.is_better(right, roomy)
+
+
 def test_what_noise_may_make_of_recorded_states_is_no_loss(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """With loud sensors a late one, in the place of the late motor that was there, missed a sixth less."""
     asked = posed(rig, seconds=3.0, noise=1e-3)
