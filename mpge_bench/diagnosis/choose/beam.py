@@ -62,7 +62,10 @@ def grow(trials: Trials, screening: Screening) -> None:
 
 def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Beam]:
     """`drafts` of one effect, of which none comes near the noise, and others; and models of several that go into the first round with them."""
-    drafts = _best_of_each(drafts + as_begun(trials))
+    begun = as_begun(trials)
+    hopeless = trials.settings.hopeless[0] * min(one.overall for one in (*drafts, *begun))
+    # To the end: a load's place has valleys, and where it begins is not where a draft of it ended.
+    drafts = _best_of_each(drafts + [model for model, _ in trials.polished([one.effects for one in begun if one.overall < hopeless])])
     if drafts[0].overall <= trials.settings.coarse:
         return drafts, []
     together = everywhere(trials)

@@ -176,7 +176,9 @@ def _overlooked(trials: Trials, chosen: Model) -> Model:
     """
     if trials.cut or trials.are_far([chosen]) or (chosen.effects and not _is_named(chosen)):
         return chosen
-    better = [one for one in trials.known().values() if _is_named(one) and is_doubtless(trials.problem, chosen, one) and trials.is_better(chosen, one)]
+    # What has more beside all that the answer has was not needed.
+    others = [one for one in trials.known().values() if _is_named(one) and not chosen.key <= one.key]
+    better = [one for one in others if is_doubtless(trials.problem, chosen, one) and trials.is_better(chosen, one)]
     return _settled(trials, needed(trials, unbeaten(trials, better)[0])) if better else chosen
 
 

@@ -20,40 +20,53 @@ Each = Callable[[Callable[..., Any], tuple[Any, ...], Sequence[Any]], list[Any]]
 
 
 def smoothed(problem: Problem, effects: Sequence[Effect]) -> tuple[Model, LinearFitter]:
-    """As `polished` and, where predictions jump and little more than the noise is left, on by curves through a few points, as long as that is better."""
+    """As `polished` and, where predictions jump and little more than the noise is left, on by curves through a few points, where that is better."""
 
     def each(work: Callable[..., Any], shared: tuple[Any, ...], items: Sequence[Any]) -> list[Any]:
         return [work(problem, *shared, item) for item in items]
 
     settings, every = problem.settings.fit, np.ones_like(problem.validation)
     model, fitter = polished(problem, effects)
-    jumps = problem.rig.jumps(effects) and model.overall < settings.step_matters
-    for _ in range(settings.regressions if jumps else 0):
-        found = None if fitter.late else regressed(problem, model, settings.regressed_few, each)
-        if found is None or found[0].level_beside(model, every) >= model.level_beside(found[0], every):
-            break
-        model, fitter = found
-    return model, fitter
+    if not problem.rig.jumps(effects) or model.overall > settings.step_matters or fitter.late:
+        return model, fitter
+    found = regressed(problem, model, settings.regressed_few, each)
+    return found if found and found[0].level_beside(model, every) < model.level_beside(found[0], every) else (model, fitter)
 
 
 def regressed(problem: Problem, model: Model, points: int, each: Each) -> tuple[Model, LinearFitter] | None:
-    """`model`, and its fitter, after a step of Gauss-Newton by a curve through what points around it leave; None where too few can be simulated.
+    """`model`, and its fitter, after steps of Gauss-Newton by curves through what points around it leave; None where too few can be simulated.
 
     Each window's starting state leaves or reaches the play at another parameter, so that what single points leave is rough. A curve through several times as
     many points as it has coefficients is not (a secant method, as DUD: Ralston and Jennrich 1978; with squares, lest what bends far away counts as an error
-    here). Points lie as far away as changes the prediction by a share of the noise.
+    here). Points lie as far away as changes the prediction by a share of the noise. All steps start windows as the simulator linearised about the model does:
+    to linearise it anew takes as long as hundreds of predictions.
 
     Args:
         points: for each coefficient of the curve.
         each: applies a function of the problem, and what it is given with it, to items, as far as there is time.
     """
-    settings, effects = problem.settings.fit, model.effects
-    fitter, at = problem.fitter(effects), values_of(effects)
-    axes = _axes(fitter, model.fit, settings.regressed, settings.regressed_reach)
+    effects, jacobian, fitter = model.effects, model.fit.jacobian, problem.fitter(model.effects)
+    for step in range(problem.settings.fit.regressed_steps):
+        found = _stepped(problem, fitter, effects, jacobian, points, each)
+        if found is None and step == 0:
+            return None
+        effects, jacobian = found or (effects, jacobian)
+    return with_derivatives(problem, fitter, effects, jacobian)
+
+
+def _stepped(
+    problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...], jacobian: Array, points: int, each: Each
+) -> tuple[tuple[Effect, ...], Array] | None:
+    """`effects` a step nearer, and the derivatives of the prediction by their parameters; None where too few points can be simulated."""
+    settings, at = problem.settings.fit, values_of(effects)
+    left = left_by(problem, fitter, effects)
+    if left is None:
+        return None
+    axes = _axes(fitter, Fit(effects, left, jacobian), settings.regressed, settings.regressed_reach)
     count = points * (1 + 2 * len(at))
     normal = norm.ppf(qmc.Sobol(len(at), seed=0).random(1 << (count - 1).bit_length())[:count])
     around = np.clip(at + normal @ axes.T, *limits_of(effects))
-    found = [(point, left) for point, left in each(_left, (fitter,), list(around)) if left is not None]
+    found = [(point, rest) for point, rest in each(_left, (fitter,), list(around)) if rest is not None]
     if len(found) < count // 2:
         return None
     there, residuals = (np.array(one) for one in zip(*found, strict=True))
@@ -64,7 +77,7 @@ def regressed(problem: Problem, model: Model, points: int, each: Each) -> tuple[
     # A curve is known as far as its points reach.
     step *= min(1.0, settings.regressed_most / max(float(np.linalg.norm(step)), settings.regressed_most))
     nearer = rebuild(effects, np.clip(at + axes @ step, *limits_of(effects)))
-    return with_derivatives(problem, nearer, -np.tensordot(back.T, curve[1:], 1))
+    return tuple(nearer), -np.tensordot(back.T, curve[1:], 1)
 
 
 def _through(steps: Array, residuals: Array) -> Array:

@@ -58,13 +58,8 @@ def described(problem: Problem, effects: Sequence[Effect]) -> tuple[Model, Linea
     return _judged(problem, fitter, _refined(problem, fitter, fit, 0), fit.jacobian)
 
 
-def with_derivatives(problem: Problem, effects: Sequence[Effect], jacobian: Array) -> tuple[Model, LinearFitter]:
-    """As `described`, with a `jacobian` that is known, shape (parameters, windows, rows * channels).
-
-    Raises:
-        LinAlgError: where the linearised simulator flies apart.
-    """
-    fitter = problem.fitter(tuple(effects))
+def with_derivatives(problem: Problem, fitter: LinearFitter, effects: tuple[Effect, ...], jacobian: Array) -> tuple[Model, LinearFitter]:
+    """As `described`, with a `fitter` and derivatives that are known, shape (parameters, windows, rows * channels)."""
     fit = replace(fitter.at(effects), jacobian=jacobian)
     return _judged(problem, fitter, _refined(problem, fitter, fit, 0), jacobian)
 

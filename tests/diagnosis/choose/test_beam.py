@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,7 @@ from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.screen import screen
-from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Armature, CoulombFriction, Gravity, InertiaScale, JointSpring, Payload
@@ -51,6 +52,18 @@ def test_a_model_that_was_found_beside_drafts_keeps_what_windows_hardly_show(tri
     (draft,) = trials.refined(trials.fitter, [trials.fitter.at([InertiaScale("lower", 1.2)])])
     beside = trials.polished([[HIDDEN, Armature("elbow", 1e-9)]])
     assert beam._polished(trials, [draft], beside)[0][0].effects[-1].name == "armature"
+
+
+def test_what_is_begun_elsewhere_is_fitted_to_the_end_before_a_draft_of_the_same_goes_before_it(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a load on a pole that stood .3 m from its hinge a draft ended .05 m from it, nearer than where another began that led to the truth."""
+    draft, begun = (as_it_is(trials.problem, (Payload("lower", *at),)) for at in ((0.1, 0.28), (0.06, 0.2)))
+    assert trials.settings.coarse < draft.overall < begun.overall
+    monkeypatch.setattr(beam, "as_begun", lambda trials: [begun])
+    (best, *_), together = beam._by_other_ways(trials, [replace(draft, overall=begun.overall / 2)])
+    (load,) = best.effects
+    assert isinstance(load, Payload)
+    assert (load.mass, load.distance) == pytest.approx((0.1, 0.3), rel=0.02)
+    assert together == []
 
 
 def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:
