@@ -36,10 +36,10 @@ def _of_use(trials: Trials, models: Sequence[Model]) -> Model:
 
 
 def unbeaten(trials: Trials, models: Sequence[Model]) -> list[Model]:
-    """Those of `models` that none of the nearest beats: the surest, of fewest parameters, first."""
+    """Those of `models` that none of the nearest beats, or these where each beats another: the surest, of fewest parameters, first."""
     # What validation windows hardly show, as a limit that they do not reach, is told by the others.
     best = trials.nearest(models)
-    equal = [one for one in models if not any(trials.is_better(one, other) for other in best)]
+    equal = [one for one in models if not any(trials.is_better(one, other) for other in best)] or best
     return sorted(equal, key=lambda one: (len(one.doubted), len(one.effects), one.parameters, one.validation))
 
 

@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.choose import simplest as simplest_module
 from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
 from mpge_bench.diagnosis.choose.settling import settled
-from mpge_bench.diagnosis.choose.simplest import acting, needed, simplest
+from mpge_bench.diagnosis.choose.simplest import acting, needed, simplest, unbeaten
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Twin, plainest
 from mpge_bench.diagnosis.data.rig import Rig
@@ -45,6 +45,14 @@ def test_an_answer_whose_gain_over_a_plainer_one_went_as_it_was_fitted_to_the_en
     assert settled(trials, stiff).effects[0].name == "joint_elasticity"
     found = _settled(trials, stiff)
     assert [effect.name for effect in found.effects] == ["armature"]
+
+
+def test_where_each_model_beats_another_the_nearest_are_left(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    near, far = (trials.add(as_it_is(trials.problem, (Armature("elbow", inertia),))) for inertia in (0.02, 0.03))
+    monkeypatch.setattr(trials, "is_better", lambda simple, rich: simple is not rich)
+    assert unbeaten(trials, [far, near]) == [near]
+    monkeypatch.setattr(trials, "is_better", lambda simple, rich: True)
+    assert unbeaten(trials, [far, near]) == [near]
 
 
 def test_what_is_needed_stays(trials: Trials) -> None:
