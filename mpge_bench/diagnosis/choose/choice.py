@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
-from mpge_bench.diagnosis.choose.twins import Twin, merged, plainest, twins
+from mpge_bench.diagnosis.choose.twins import Twin, merged, of_two, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -108,6 +108,7 @@ class Choice:
         models: all that were fitted to the end, those of no effects among them.
         test: of there being no mismatch.
         twins: the answer with other effects in the place of its own, the nearest first.
+        twins_of_two: the same with two others in the places of two of its own, each of which may be one with it by itself.
         cut: stages that the time budget cut short.
         is_far: whether the answer is so far from the noise that models are judged as they are exported, by all recordings, those that they are fitted to, too.
     """
@@ -122,6 +123,7 @@ class Choice:
     twins: tuple[Twin, ...]
     cut: tuple[str, ...]
     is_far: bool
+    twins_of_two: tuple[Twin, ...] = ()
 
 
 def choose(
@@ -153,8 +155,9 @@ def choose(
             chosen = _overlooked(trials, chosen)
         chosen = trials.as_exported(acting(trials, chosen))
     models, alike = tuple(trials.models), twins(trials, chosen)
-    is_far = trials.are_far([chosen])
-    return Choice(trials.problem, trials.candidates, trials.nominal, trials.fitter, chosen, models, mismatch.screening, alike, tuple(trials.cut), is_far)
+    both, is_far = of_two(trials, chosen, alike), trials.are_far([chosen])
+    nominal, cut = (trials.nominal, trials.fitter), tuple(trials.cut)
+    return Choice(trials.problem, trials.candidates, *nominal, chosen, models, mismatch.screening, alike, cut, is_far, both)
 
 
 def _begun_anew(trials: Trials, problem: Problem, options: Sequence[Candidate]) -> None:

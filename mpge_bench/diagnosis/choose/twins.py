@@ -67,6 +67,25 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
     return tuple(sorted((told.get(one, one) for one in found), key=lambda one: one.distance))
 
 
+def of_two(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> tuple[Twin, ...]:
+    """`chosen` with other effects in the places of two of its own, of `alike` each of which may be one with its own by itself, the likeliest first.
+
+    A weak motor and a late sensor may be a heavy link and a late motor. Fitted, as what two change together is not what they change apart.
+    """
+    settings = trials.problem.settings.choose
+    near = [one for one in alike if one.distance < settings.apart and len(one.replaced) == 1]
+    found: list[Twin] = []
+    for pair in sorted(itertools.combinations(near, 2), key=lambda pair: math.hypot(*(one.distance for one in pair))):
+        replaced = (*pair[0].replaced, *pair[1].replaced)
+        effects = (*(one for one in chosen.effects if one not in replaced), *(one.effects[-1] for one in pair))
+        if replaced[0] is replaced[1] or len(key(effects)) < len(effects) or trials.are_far([chosen]):
+            continue
+        if len(found) == settings.twins_of_two or trials.cut_short("telling twins apart"):
+            break
+        found.append(_fitted(trials, chosen, Twin(effects, replaced, math.inf, math.hypot(*(one.change for one in pair)))))
+    return tuple(sorted(found, key=lambda one: one.distance))
+
+
 def _room(twin: Twin, settings: ChooseSettings) -> float:
     """Share of what the replaced effects change by which the linearised simulator may tell a `twin` apart that is one."""
     other = twin.effects[-1]
@@ -86,7 +105,9 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
         model = trials.add(trials.to_the_end(twin.effects))
     distance = _between(trials, chosen, model) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
-    return replace(twin, effects=model.effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
+    fitted = {label([one]): one for one in model.effects}
+    effects = tuple(fitted[label([one])] for one in twin.effects)
+    return replace(twin, effects=effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
 
 
 def _between(trials: Trials, chosen: Model, other: Model) -> float:

@@ -197,6 +197,7 @@ class ChooseSettings:
     known_alike: float = setting(0.5, "share of what the effect changes", "the same, of two that are known to look alike (`told_apart`)")
     step_told: float = setting(0.25, "of the squares of what half the physics step changes", "a better model has to explain: less may be the integrator's")
     step_doubt: float = setting(0.25, "share", "of what half the physics step changes by which two fitted models have to differ to be two")
+    twins_of_two: int = setting(4, "models", "of two effects in the places of two of the answer's are fitted, each of which may be one with its own by itself")
     twins: int = setting(2, "models", "that may be taken for the chosen one and are plainer, or that the linearised simulator is unsure of, are fitted")
     restarts: int = setting(40, "stretches", "of the recordings, spread over them, by which effects are sought from recorded states")
     many: float = setting(0.5, "share of the joints", "that need dry friction, say, from which on all kinds of what every machine has are fitted together")

@@ -107,7 +107,7 @@ def proven(choice: Choice, misses: ExportedMisses) -> tuple[Choice, tuple[str, .
         return choice, ()
     errors = f"{math.inf if after is None else np.linalg.norm(after):.3g} against {np.linalg.norm(before):.3g}"
     line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({errors}), and is not reported."
-    return replace(choice, chosen=choice.nominal, twins=()), (line,)
+    return replace(choice, chosen=choice.nominal, twins=(), twins_of_two=()), (line,)
 
 
 def _is_clearly_worse(choice: Choice, misses: ExportedMisses, before: Array, after: Array) -> bool:

@@ -45,12 +45,11 @@ def confusions(choice: Choice) -> tuple[tuple[Confusion, ...], dict[tuple[str, s
     have others in its place. What nothing is said to be taken for is not always there either, as concealed cases tell.
     """
     settings, chosen = choice.problem.settings.verdict, choice.chosen
-    found = []
+    likely = [twin for twin in (*choice.twins, *choice.twins_of_two) if mistaken(twin) >= settings.confused]
+    found = [Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))) for twin in likely]
     odds = {(effect.name, effect.target): 0.0 for effect in chosen.effects}
     for twin in choice.twins:
         chance = mistaken(twin)
-        if chance >= settings.confused:
-            found.append(Confusion((label(chosen.effects), label(twin.effects)), experiment(chosen.key, key(twin.effects))))
         for effect in twin.replaced:
             odds[effect.name, effect.target] += chance / (1 - chance)
     is_known = not choice.is_far and choice.problem.settings.choose.are_few(chosen.effects)
