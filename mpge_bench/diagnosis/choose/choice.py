@@ -154,8 +154,8 @@ def choose(
             chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, needed(trials, nearer) if nearer else named))))
             chosen = _overlooked(trials, chosen)
         chosen = trials.as_exported(acting(trials, chosen))
-    models, alike = tuple(trials.models), twins(trials, chosen)
-    both, is_far = of_two(trials, chosen, alike), trials.are_far([chosen])
+    models, alike, is_far = tuple(trials.models), twins(trials, chosen), trials.are_far([chosen])
+    both = () if is_far else of_two(trials, chosen, alike)
     nominal, cut = (trials.nominal, trials.fitter), tuple(trials.cut)
     return Choice(trials.problem, trials.candidates, *nominal, chosen, models, mismatch.screening, alike, cut, is_far, both)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +13,7 @@ from scipy.optimize import least_squares
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.fit.problem import Problem
+from mpge_bench.diagnosis.fit.regressed import Each
 from mpge_bench.diagnosis.predict.bullet import stretches, with_a_past
 from mpge_bench.diagnosis.predict.memory import Memory
 from mpge_bench.diagnosis.predict.simulated import RestartedRecording
@@ -27,8 +27,6 @@ Array = npt.NDArray[np.float64]
 
 #: Effects -> root mean square error of all positions, predicted with them.
 ExportedError = Callable[[tuple[Effect, ...]], float]
-#: Function, what it shares, items -> what it makes of each, all of them: `Workers.each`.
-Each = Callable[[Callable[..., Any], tuple[Any, ...], Sequence[Any]], list[Any]]
 #: This process alone, one after another.
 IN_TURN: Each = Workers(1).each
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.exported import IN_TURN, Each, ExportedMisses, sought
+from mpge_bench.diagnosis.choose.exported import IN_TURN, ExportedMisses, sought
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.regressed import Each
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.settings import FitSettings
 from mpge_bench.envs.effects import Effect

@@ -78,7 +78,7 @@ def of_two(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> tuple[Twin, 
     for pair in sorted(itertools.combinations(near, 2), key=lambda pair: math.hypot(*(one.distance for one in pair))):
         replaced = (*pair[0].replaced, *pair[1].replaced)
         effects = (*(one for one in chosen.effects if one not in replaced), *(one.effects[-1] for one in pair))
-        if replaced[0] is replaced[1] or len(key(effects)) < len(effects) or trials.are_far([chosen]):
+        if replaced[0] is replaced[1] or len(key(effects)) < len(effects):
             continue
         if len(found) == settings.twins_of_two or trials.cut_short("telling twins apart"):
             break

@@ -16,6 +16,7 @@ from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import limits_of, rebuild, sizes_of, values_of
 
 Array = npt.NDArray[np.float64]
+#: Function, what it shares, items -> what it makes of each, all of them: `Workers.each`.
 Each = Callable[[Callable[..., Any], tuple[Any, ...], Sequence[Any]], list[Any]]
 
 
