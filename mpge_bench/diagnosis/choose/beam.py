@@ -78,10 +78,7 @@ def _follow(trials: Trials, grown: Beam, begun: float) -> None:
     for depth in range(1, settings.most + 1):
         if not grown or _is_elsewhere([model for model, _ in grown], trials.problem.settings):
             break
-        # A model far from the noise may still be half of the truth, but not where another has reached it.
-        levels = trials.levels([model for model, _ in grown])
-        near = settings.held if levels[0] < settings.held else settings.half_truth
-        beam = [pair for pair, level in zip(grown, levels, strict=True) if level < near * levels[0]][: settings.beam]
+        beam = _followed_up(trials, grown)
         if trials.cut_short("combining effects", trials.another(beam[0][0].effects, begun)):
             break
         rest = screen(beam[0][1], trials.candidates, grown[0][0].fit, draws=trials.problem.settings.fit.draws_left)
@@ -92,6 +89,17 @@ def _follow(trials: Trials, grown: Beam, begun: float) -> None:
         if depth < settings.most:
             begun = time.monotonic()
             grown = _grown(trials, beam)
+
+
+def _followed_up(trials: Trials, grown: Beam) -> Beam:
+    """Those of `grown`, the best of which is the first, that the next round begins with."""
+    settings, levels = trials.settings, trials.levels([model for model, _ in grown])
+    # A model far from the noise may still be half of the truth, but not where another has reached it.
+    near = settings.held if levels[0] < settings.held else settings.half_truth
+    beam = [pair for pair, level in zip(grown, levels, strict=True) if level < near * levels[0]][: settings.beam]
+    # What validation windows hardly show may have all the others for it.
+    nearest = min(grown, key=lambda pair: pair[0].overall)
+    return beam if any(pair is nearest for pair in beam) else [*beam[: settings.beam - 1], nearest]
 
 
 def _grown(trials: Trials, beam: Beam) -> Beam:

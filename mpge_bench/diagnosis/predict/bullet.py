@@ -70,13 +70,15 @@ class BulletPredictor:
         time, dt, layout = recording.time, self.rig.timestep, self._layout
         until = time[rows[-1]] - time[first]
         many = self._steps_a_row(time[first : rows[-1] + 1])
-        world = self._world(many or 1)
+        # Between rows that a late sensor's readings lie between a drive may hit an end of its play: it reads physics steps.
+        fine = many if many and self._looks_back else 1
+        world = self._world((many or 1) // fine)
         world.set_state(layout.q(state), layout.dq(state))
         world.begin_at(time[first] - time[0])
         if self._warm_for:
             self._warm_up(world, recording, first, smooth)
         if many:
-            row = np.arange(first, rows[-1])
+            row = np.repeat(np.arange(first, rows[-1]), fine)
         else:
             at = time[first] + (np.arange(int(np.ceil(until / dt - 1e-6))) + 0.5) * dt
             row = np.clip(np.searchsorted(time, at, side="right") - 1, first, len(time) - 1)
@@ -84,9 +86,9 @@ class BulletPredictor:
         path = np.concatenate((state[None], layout.state(q, dq)))
         if not np.isfinite(path).all() or np.abs(layout.dq(path)).max() > self._settings.unstable:
             raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in {self.rig.path}")
-        path = self._sensed(path, recording, first, smooth, (many or 1) * dt)
+        path = self._sensed(path, recording, first, smooth, (many or 1) // fine * dt)
         if many:
-            return path[rows - first]
+            return path[(rows - first) * fine]
         place = (time[rows] - time[first]) / dt
         left = np.minimum(np.floor(place + 1e-9).astype(int), len(path) - 2)
         share = (place - left)[:, None]

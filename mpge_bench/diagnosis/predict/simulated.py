@@ -103,20 +103,23 @@ class SimulatedWindows:
         chain = self._rig.chain(effects)
         warm = self._warmed(references, warm_up(chain, self._settings.predict)) if made.program.remembers else None
         sensors, share = [effect for effect in chain if effect.on == "sensor"], self._rig.shaking(effects)
+        looks_back = any(effect.looks_back for effect in sensors)
         starts, beside = np.split(starts, [2 * self._rig.layout.nv], axis=1)
         result, stopped = np.empty((*self._rows.shape, starts.shape[1])), np.zeros(len(starts), np.bool_)
         for grid in self._grids:
             own = grid.windows
             before = None if warm is None else Warm(warm.u[own], warm.q[own], warm.dq[own], warm.count[own])
             every = max(grid.every, 1)
+            # Between rows that a late sensor's readings lie between a drive may hit an end of its play: it reads physics steps.
+            fine = every if looks_back else 1
             shifts = beside[own] if beside.size else None
             unstable = self._settings.predict.unstable
             since = self._since[own]
-            shaken = share * grid.shaken if share else None
-            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts, since=since, shaken=shaken)
+            u, shaken = np.repeat(grid.u, fine, axis=1), share * np.repeat(grid.shaken, fine, axis=1) if share else None
+            path, stopped[own] = made.followed(starts[own], u, every=every // fine, unstable=unstable, warm=before, beside=shifts, since=since, shaken=shaken)
             if sensors:
-                path = self._sensed(path, own, sensors, references, every * self._rig.timestep)
-            result[own] = _at(path, grid)
+                path = self._sensed(path, own, sensors, references, every // fine * self._rig.timestep)
+            result[own] = _at(path[:, ::fine], grid)
         return result, stopped
 
     def _in_bullet(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array], windows: Indices) -> Array | None:

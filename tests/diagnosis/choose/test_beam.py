@@ -66,6 +66,14 @@ def test_what_is_begun_elsewhere_is_fitted_to_the_end_before_a_draft_of_the_same
     assert together == []
 
 
+def test_the_model_nearest_on_all_windows_is_followed_up_whatever_validation_windows_say(trials: Trials) -> None:
+    """Of a motor and a sensor both late the late motor came last of four on validation windows, which hardly showed it; it alone led to the other."""
+    levels = {"delay": 2.5, "lag": 2.47, "delays": 2.31, "lags": 2.36}
+    grown: Any = [(SimpleNamespace(name=name, overall=2.7 if name == "delay" else 10.0), None) for name in sorted(levels, key=levels.__getitem__)]
+    asked: Any = SimpleNamespace(settings=trials.settings, levels=lambda models: [levels[one.name] for one in models])
+    assert [one.name for one, _ in beam._followed_up(asked, grown)] == ["delays", "lags", "delay"]
+
+
 def test_a_load_far_out_is_found_at_once(rig: Rig) -> None:
     """Sought no farther out than 1.8 times its link's centre of mass, one of 20 g ended as next to nothing on the other side of the joint."""
     asked = posed(rig, Payload("lower", 0.02, 0.38), seconds=4.0)
