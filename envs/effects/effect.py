@@ -379,6 +379,11 @@ class Effect:
         """What it is about, of which a simulator has but one, by its name and target; None of a nameless curve."""
         return (self.name, self.target) if self.named else None
 
+    @property
+    def has_a_name(self) -> bool:
+        """Whether it is physics that has a name: neither a nameless curve nor a formula."""
+        return self.named and not self.is_formula
+
     def corrects(self, other: Effect) -> bool:
         """Whether it stands in the place of `other`, of which a simulator believed in too much or too little. Nameless curves add up."""
         return self.physics is not None and self.physics == other.physics

@@ -186,7 +186,7 @@ def _overlooked(trials: Trials, chosen: Model) -> Model:
 
 
 def _is_named(model: Model) -> bool:
-    return bool(model.effects) and all(effect.named and not effect.is_formula for effect in model.effects)
+    return bool(model.effects) and all(effect.has_a_name for effect in model.effects)
 
 
 def _settled(trials: Trials, chosen: Model) -> Model:

@@ -141,7 +141,7 @@ def verdict_of(choice: Choice, drifting: Collection[tuple[str, str]] = ()) -> st
     if not chosen.effects and chosen.overall < settings.verdict.explained:
         # Significant perhaps, but no model predicts validation recordings any better, and what is missed is about the noise.
         return "no_mismatch"
-    physics = [effect.named and not effect.is_formula and (effect.name, effect.target) not in drifting for effect in chosen.effects]
+    physics = [effect.has_a_name and (effect.name, effect.target) not in drifting for effect in chosen.effects]
     if not any(physics):
         return "unexplained"
     return "explained" if all(physics) and is_whole(chosen, settings) else "partly_explained"

@@ -50,7 +50,7 @@ def _columns(problem: Problem, chosen: Model) -> list[tuple[Effect, str, float, 
     found, at = [], 0
     for effect in chosen.effects:
         size = len(parameters_of(effect))
-        if effect.named and not effect.is_formula:
+        if effect.has_a_name:
             place = at
             for name, parameter in effect.parameters.items():
                 absent = float(chosen.absent[place])
