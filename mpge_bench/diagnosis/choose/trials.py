@@ -204,6 +204,11 @@ class Trials:
             return True
         return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
+    def is_likelier(self, one: Model, other: Model) -> bool:
+        """Whether all windows together say beyond chance that `one` predicts better than `other`, if by however little; of none far from the noise."""
+        share, error = gain(other, one, np.ones_like(self.problem.validation))
+        return not self.are_far([one, other]) and share > self.settings.errors * error
+
     def _is_sharper(self, simple: Model, rich: Model) -> bool:
         return self.explains(rich) and is_sharper(self.problem, simple, rich)
 

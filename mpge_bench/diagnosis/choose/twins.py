@@ -30,6 +30,8 @@ Array = npt.NDArray[np.float64]
 Plainness = tuple[bool, int, int, int, bool]
 #: Share of a length below which nothing but rounding is left.
 _ROUNDING = 1e-6
+#: What is said to be cut short where time is up.
+_PLAINEST = "the plainest of equals"
 
 
 @dataclass(frozen=True)
@@ -194,11 +196,29 @@ class _Columns:
 
 
 def plainest(trials: Trials, chosen: Model) -> Model:
-    """Of `chosen` and the models that these recordings cannot tell from it, the plainest that predicts as well; of no effect, where that one does nothing."""
-    apart = trials.settings.apart
-    near = [one for one in twins(trials, chosen) if one.distance < apart and plainness(one.effects[-1]) < min(map(plainness, one.replaced))]
-    found = _first_as_good(trials, chosen, sorted(near, key=lambda one: plainness(one.effects[-1])), "the plainest of equals")
+    """Of `chosen` and the models that these recordings cannot tell from it without a doubt, the plainest that is as likely; of no effect that does nothing.
+
+    Or one that is less plain, but likelier.
+    """
+    near = [one for one in twins(trials, chosen) if one.distance < trials.settings.apart]
+    plainer = [one for one in near if plainness(one.effects[-1]) < min(map(plainness, one.replaced))]
+    found = _first_as_good(trials, chosen, sorted(plainer, key=lambda one: plainness(one.effects[-1])), _PLAINEST)
+    found = found or _likelier(trials, chosen, [one for one in near if one not in plainer and one.distance > trials.settings.hardly_apart])
     return without_idle(trials, found) if found else chosen
+
+
+def _likelier(trials: Trials, chosen: Model, near: Sequence[Twin]) -> Model | None:
+    """The likeliest of those of the models `near` that are likelier than `chosen` with no more parameters; the ones most apart are fitted."""
+    found: Model | None = None
+    for twin in sorted(near, key=lambda one: -one.distance)[: trials.settings.twins]:
+        model = trials.known().get(key(twin.effects))
+        if model is None:
+            if trials.cut_short(_PLAINEST):
+                break
+            model = trials.add(trials.to_the_end(twin.effects))
+        if model.parameters <= chosen.parameters and trials.is_likelier(model, found or chosen) and not trials.loses(model, chosen):
+            found = model
+    return found
 
 
 def merged(trials: Trials, chosen: Model) -> Model:
@@ -225,6 +245,9 @@ def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: s
         if trials.cut_short(stage):
             break
         model = trials.add(trials.to_the_end(twin.effects))
+        # Of as many parameters the nearer is the likelier, by however little: a lag is no delay because both are within what is told apart without a doubt.
+        if model.parameters >= chosen.parameters and trials.is_likelier(chosen, model):
+            continue
         # Starting states hide that a sensor is late, which is no motor's delay: from those that are recorded it is told.
         if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal) and not trials.loses(model, chosen):
             return model

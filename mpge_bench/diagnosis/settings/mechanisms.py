@@ -193,6 +193,7 @@ class ChooseSettings:
     regressions: int = setting(3, "fits", "of the answer by curves through many points, at most: later ones go to and fro")
     settlings: int = setting(8, "fits", "of the answer about its own fit, at most")
     apart: float = setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
+    hardly_apart: float = setting(1.0, "standard deviations", "the same, below which data of the one hardly ever speak for it beyond chance")
     alike: float = setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")
     known_alike: float = setting(0.5, "share of what the effect changes", "the same, of two that are known to look alike (`told_apart`)")
     step_told: float = setting(0.25, "of the squares of what half the physics step changes", "a better model has to explain: less may be the integrator's")
