@@ -38,7 +38,7 @@ def pairs(trials: Trials, model: Model, fitter: LinearFitter) -> list[Model]:
     settings = trials.settings
     options = [one for one in trials.candidates if one.adds_to(model.effects)]
     fits = trials.each(_fitted, (fitter, model.effects), promising(model, fitter, options)[: settings.pairs])
-    return trials.drafted(fitter, fits, settings.polished, old=len(model.effects))
+    return trials.drafted(fitter, fits, settings.polished, old=model.effects)
 
 
 def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) -> list[tuple[Candidate, Candidate]]:
@@ -54,7 +54,7 @@ def promising(model: Model, fitter: LinearFitter, options: Sequence[Candidate]) 
     for _, one, other in sorted(_explained(atoms, left), reverse=True):
         pair = atoms[one].candidate, atoms[other].candidate
         names = frozenset(candidate.label for candidate in pair)
-        if len(names) == len(pair) and not (pair[0].is_part_of(pair[1]) or pair[1].is_part_of(pair[0])):
+        if len(names) == len(pair) and not any(one.is_part_of(other) or one.contains(other.starts[0]) for one, other in (pair, pair[::-1])):
             best.setdefault(names, pair)
     return list(best.values())
 
@@ -92,5 +92,7 @@ def _explained(atoms: Sequence[_Atom], left: Array) -> list[tuple[float, int, in
 
 
 def _fitted(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect], pair: tuple[Candidate, Candidate]) -> Fit:
-    first = fitter.grow(effects, pair[0])
-    return fitter.grow(first.effects, pair[1])
+    for one in pair:
+        fit = fitter.grow(*one.in_place(effects, problem.scale(one.target)))
+        effects = fit.effects
+    return fit

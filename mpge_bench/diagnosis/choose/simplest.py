@@ -54,8 +54,11 @@ def needed(trials: Trials, chosen: Model) -> Model:
         roughly = trials.each(_roughly, (fitter,), [effects for effects in fewer if key(effects) not in known])
         # What was better before may have been so by how far it was fitted: fewer that are as near are fitted from where these are, too.
         again = [(effects, known[key(effects)].train) for effects in fewer if key(effects) in known]
-        for less, _ in trials.polished([effects for effects, level in (*again, *roughly) if level < _near(trials, chosen)]):
-            before = known.get(less.key)
+        pairs = trials.polished([effects for effects, level in (*again, *roughly) if level < _near(trials, chosen)])
+        # A drive that swings is fitted in many small steps: from where what has been left out stood in for half of its motor it is a long way.
+        far = sorted((pair for pair in pairs if problem.rig.swings(pair[0].effects)), key=lambda pair: pair[0].overall)[:1]
+        for less in [*(model for model, _ in pairs), *(trials.converged(*pair)[0] for pair in far)]:
+            before = trials.known().get(less.key)
             if before is None or less.overall < before.overall:
                 trials.add(less)
         known = trials.known()

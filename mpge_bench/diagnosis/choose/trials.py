@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.fit.linear import Fit, LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.regressed import smoothed
 from mpge_bench.diagnosis.fit.simulator import as_it_is, drafted, polished, unforgiven
-from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, label
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, key, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.compiled import begin_budget, is_past
 from mpge_bench.envs.effects import Effect
@@ -260,17 +260,16 @@ class Trials:
         return self.each(_grown, (fitter,), steps)
 
     def step(self, effects: Sequence[Effect], candidate: Candidate) -> tuple[list[Effect], Candidate]:
-        """Those of `effects` that `candidate` does not contain, and it, begun where those ended that it does."""
-        contained = [effect for effect in effects if candidate.contains(effect)]
-        return [effect for effect in effects if effect not in contained], candidate.beyond(contained, self.problem.scale(candidate.target))
+        """As `Candidate.in_place` has it."""
+        return candidate.in_place(effects, self.problem.scale(candidate.target))
 
-    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int, old: int = 0) -> list[Model]:
+    def drafted(self, fitter: LinearFitter, fits: Sequence[Fit], most: int, old: Sequence[Effect] = ()) -> list[Model]:
         """Those `fits` of the linearised simulator without idle effects that come nearest, `most` of them, refined a little in the simulator.
 
         Args:
-            old: so many of a fit's effects, the first ones, may be idle, now that the others have come.
+            old: what may be idle, now that others have come.
         """
-        useful = [one for one in fits if not any(effect in one.effects[old:] for effect in idle(self.problem, fitter, one.effects))]
+        useful = [one for one in fits if key(idle(self.problem, fitter, one.effects)) <= key(old)]
         useful.sort(key=lambda one: fitter.chi_square(one.cost, slice(None)))
         return self.refined(fitter, useful[:most])
 

@@ -170,6 +170,9 @@ class _Columns:
         for candidate in self._trials.candidates:
             if candidate.label in chosen.key or any(candidate.contains(effect) for effect in replaced) or only not in (None, candidate.label):
                 continue
+            if any(candidate.is_within(effect) for effect in others):
+                # There is a rotor in an elastic drive already.
+                continue
             if candidate.is_of_all and any(other.name == candidate.name for other in others):
                 # What acts on all alike is the sum of what acts on each.
                 continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,6 +77,11 @@ class Candidate:
         starts = [within_bounds(self.kind, self.target, values) for effect in contained for values in self.kind.beyond(effect, scale)]
         return replace(self, starts=tuple(starts), is_sized=True) if starts else self
 
+    def in_place(self, effects: Sequence[Effect], scale: Scale) -> tuple[list[Effect], Candidate]:
+        """Those of `effects` that it does not contain, and it, begun where those ended that it does."""
+        contained = [effect for effect in effects if self.contains(effect)]
+        return [effect for effect in effects if effect not in contained], self.beyond(contained, scale)
+
     def adds_to(self, effects: Sequence[Effect]) -> bool:
         """Whether it is none of `effects`, nor within one of them."""
         return self.label not in key(effects) and not any(self.is_within(effect) for effect in effects)
@@ -134,7 +139,7 @@ def label(effects: Sequence[Effect]) -> str:
     return " + ".join(f"{effect.name}:{effect.target}" for effect in effects) or "nothing"
 
 
-def key(effects: Sequence[Effect]) -> frozenset[str]:
+def key(effects: Iterable[Effect]) -> frozenset[str]:
     """The effects' names and targets, whatever their order and parameters."""
     return frozenset(f"{effect.name}:{effect.target}" for effect in effects)
 
