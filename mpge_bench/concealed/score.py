@@ -223,8 +223,13 @@ def _errors(case: Truth, answer: Answer) -> dict[str, Any]:
     if not case.is_outside:
         # What our simulator cannot carry has no error.
         with suppress(UserError):
-            true = error(rig, rig.joined((), *(_effect(one) for one in case.effects)))
+            true = error(rig, rig.joined((), *effects_of(case)))
     return {"error": corrected, "nothing": nothing, "true": true}
+
+
+def effects_of(case: Truth) -> list[Effect]:
+    """What is hidden, all of it in the catalogue."""
+    return [_effect(one) for one in case.effects]
 
 
 def _effect(one: dict[str, Any]) -> Effect:

@@ -1,0 +1,89 @@
+"""In how many concealed cases do the recordings tell what is hidden at all? With the truth known, each other effect of the catalogue is put in its place.
+
+    python -m mpge_bench concealed make --cases 100 --seed S --out cases
+    python -m mpge_bench concealed score cases --out cases/scores
+    python benchmarks/tellable.py cases [--scores cases/scores] [--only 'c00*']
+
+A case has an *equal* where another effect in the place of one that is hidden, or one in the place of two, predicts the recordings that may be read within a
+standard deviation of what the truth does, all windows together: whoever chooses between two such errs in nearly a third of the cases, and in half of them
+where they are the same physics (a rotor, and the rotational inertia of a link that turns about one axis). Cases without an equal can be told. With the scores
+of a diagnoser, how many of either kind it named rightly.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from fnmatch import fnmatch
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from mpge_bench.concealed.answer import ANSWER, kept, said
+from mpge_bench.concealed.score import Truth, cases_of, effects_of
+from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.twins import merged, twins
+from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings
+from mpge_bench.diagnosis.data.parts import parted
+from mpge_bench.diagnosis.data.rig import read_rig
+from mpge_bench.diagnosis.fit.problem import problem
+from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
+from mpge_bench.diagnosis.hypotheses.candidates import candidates, label
+from mpge_bench.diagnosis.predict.smooth import reference
+from mpge_bench.diagnosis.settings import DEFAULT
+
+#: Equals of a case that are printed.
+SHOWN = 4
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="holds given/ and kept/")
+    parser.add_argument("--scores", type=Path, help="what `concealed score` wrote of them")
+    parser.add_argument("--only", default="*", help="cases whose name matches")
+    arguments = parser.parse_args()
+    console = Console(width=160)
+    cases = [case for case in cases_of(arguments.folder) if fnmatch(case.given.name, arguments.only) and case.effects and not case.is_outside]
+    counts: Counter[tuple[str, bool]] = Counter()
+    right: Counter[tuple[str, bool]] = Counter()
+    for case in track(cases, "holding others against the truth", console=console):
+        found = equals(case)
+        where = case.group, not found
+        counts[where] += 1
+        right[where] += is_named(case, arguments.scores)
+        if found:
+            console.print(f"{case.given.name}: {said(case.pairs)} has {len(found)} equals: {', '.join(found[:SHOWN])}{', ...' if found[SHOWN:] else ''}")
+    table = Table("hidden", "cases", "told by the recordings", "of these named rightly", "with an equal", "of these named rightly")
+    for group in ("one effect", "two effects", "three effects"):
+        told, equal = (group, True), (group, False)
+        table.add_row(group, *map(str, (counts[told] + counts[equal], counts[told], right[told], counts[equal], right[equal])))
+    console.print(table)
+
+
+def equals(case: Truth) -> list[str]:
+    """What may stand in the place of what is hidden, and no recording that may be read would tell, as `effect:target <- effect:target`."""
+    rig = read_rig(case.given / "rig.yaml")
+    measured = parted(measurements(rig, read_recordings(case.recordings, rig), DEFAULT)).searched
+    posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
+    trials = Trials(posed, candidates(rig, posed.scales), nominal(posed), Workers(1), Clock(0.0, math.inf))
+    truth = trials.add(as_it_is(posed, rig.joined((), *effects_of(case))))
+    near = [one for one in twins(trials, truth) if one.distance < DEFAULT.choose.hardly_apart]
+    found = [f"{label(one.effects[-1:])} <- {label(one.replaced)}" for one in near]
+    fewer = merged(trials, truth)
+    return found if fewer is truth else [*found, f"{label(fewer.effects)} <- {label(truth.effects)}"]
+
+
+def is_named(case: Truth, scores: Path | None) -> bool:
+    """Whether the answer in the `scores`, if there is one, has the effects and places that are hidden and no others."""
+    if scores is None or not (scores / case.given.name / ANSWER).exists():
+        return False
+    answer, _ = kept(scores / case.given.name)
+    return not isinstance(answer, str) and Counter(answer.pairs) == Counter(case.pairs)
+
+
+if __name__ == "__main__":
+    main()
