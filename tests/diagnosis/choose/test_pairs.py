@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mpge_bench.diagnosis.choose.pairs import _Atom, _explained, pairs, promising
+from mpge_bench.diagnosis.choose.pairs import _Atom, _explained, _fitted, pairs, promising
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import nominal, polished
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, key
-from mpge_bench.envs.effects import CoulombFriction, Payload, TorqueBias, TorqueGain, ViscousFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Payload, TorqueBias, TorqueGain, ViscousFriction
 
 from ..conftest import posed, searching
 
@@ -38,6 +38,9 @@ def test_the_true_pair_is_among_the_first_of_all(trials: Trials) -> None:
     assert {"delay:shoulder", "delay:elbow"} in labels
     assert {"delay:*", "payload:lower"} in labels
     assert not any({"delay:*", f"delay:{joint}"} in labels for joint in ("shoulder", "elbow"))
+    # What is within another is no part of a pair with it.
+    assert {"armature:elbow", "joint_elasticity:shoulder"} in labels
+    assert {"armature:elbow", "joint_elasticity:elbow"} not in labels
     assert {"payload:lower", "torque_bias:shoulder"} in labels[: trials.settings.pairs]
 
 
@@ -62,6 +65,15 @@ def test_beside_what_was_found_pairs_are_found_too_that_make_some_of_it_idle(rig
     assert true in drafts
     assert drafts[true].overall < 2
     assert not any(len(one) < 4 for one in drafts)
+
+
+def test_a_drive_that_comes_beside_the_rotor_it_contains_takes_its_place(trials: Trials) -> None:
+    """A cart's elastic drive kept half of its motor as a rotor beside it."""
+    rotor, load = Armature("elbow", 0.01), next(one for one in trials.candidates if one.label == "payload:lower")
+    drive = next(one for one in trials.candidates if one.label == "joint_elasticity:elbow")
+    _, fitter = polished(trials.problem, (rotor,))
+    assert key(_fitted(trials.problem, fitter, (rotor,), (drive, load)).effects) == {"joint_elasticity:elbow", "payload:lower"}
+    assert key(_fitted(trials.problem, fitter, (rotor,), (load, drive)).effects) == {"joint_elasticity:elbow", "payload:lower"}
 
 
 def candidate(number: int) -> Candidate:

@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.fit.simulator import as_it_is, polished
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
@@ -31,6 +31,7 @@ from mpge_bench.envs.effects import (
     Effect,
     Gravity,
     InertiaScale,
+    JointElasticity,
     Lag,
     MassScale,
     Payload,
@@ -59,6 +60,15 @@ def test_of_what_is_hardly_told_apart_the_likelier_is_chosen_be_it_less_plain(ri
     assert min(one.distance for one in twins(trials, lag) if key(one.effects) == delay.key) < trials.settings.apart
     for chosen in (lag, delay):
         assert plainest(trials, chosen).key == key([hidden])
+
+
+def test_what_an_effect_of_the_answer_contains_is_put_in_no_others_place(rig: Rig) -> None:
+    """A rotor was put in the place of a cart's mass beside an elastic drive, which has one."""
+    trials = searching(posed(rig, Payload("lower", 0.1, 0.3), seconds=4.0, noise=1e-3))
+    chosen = as_it_is(trials.problem, (JointElasticity("elbow", 200.0, 1.0, 0.01), Payload("lower", 0.1, 0.3)))
+    offered = {one.effects[-1].name for one in twins(trials, chosen) if one.replaced == chosen.effects[1:] and one.effects[-1].target == "elbow"}
+    assert "viscous_friction" in offered
+    assert "armature" not in offered
 
 
 def test_what_columns_make_up_of_a_change() -> None:

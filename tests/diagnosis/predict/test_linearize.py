@@ -215,7 +215,7 @@ def test_effects_with_hidden_states_are_predicted(case: Case, effects: Sequence[
 @pytest.mark.parametrize("effects", [(SensorBias("elbow", 0.1),), (SensorScale("elbow", 1.1),), (SensorDelay("shoulder", 0.013), SensorScale("shoulder", 0.9))])
 def test_sensors_read_the_same(case: Case, effects: Sequence[Effect]) -> None:
     is_late = any(isinstance(effect, SensorDelay) for effect in effects)
-    # A late sensor's velocity allows for the integrator's half step by what the motion at hand tells of it; at first, where it reads what was before the window,
+    # A late sensor's velocity allows for the integrator's half step by what the motion at hand tells of it; at first, where it reads what was before a window,
     # of which there are but the recording's rows, by half a step's change of velocity too much.
     off, first = (5e-4, 3) if is_late else (1e-9, 0)
     assert case.changed(effects)[first:] == pytest.approx(case.moved(effects=effects)[first:], abs=off)
