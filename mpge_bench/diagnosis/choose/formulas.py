@@ -39,30 +39,39 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
 
 
 def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
-    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles.
+    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles, or of all, one of which it contains.
 
-    That may leave nothing to be explained by anything beside it, though it is not what there is: a motor that grows weaker delivers less on the average, too.
+    These may leave nothing to be explained by anything beside them, though they are not what there is: a motor that grows weaker delivers less on the average,
+    too, and a friction that goes with the position was a plain one and a force.
 
     Args:
         seconds: that one takes about.
     """
     for effect in chosen.effects:
-        alike = [one for one in trials.formulas if one.target == effect.target and effect.name in one.kind.resembles]
-        if not alike or trials.cut_short("formulas", seconds):
-            continue
+        laws = [one for one in trials.formulas if one.target == effect.target]
         others = tuple(one for one in chosen.effects if one is not effect)
-        try:
-            base = as_it_is(trials.problem, others) if others else trials.nominal
-        except np.linalg.LinAlgError:
-            # Without it the others lead the linearised simulator astray.
-            continue
-        fitter = trials.problem.fitter(others) if others else trials.fitter
-        drafts = trials.refined(fitter, _fits(trials, base, fitter, 0.0, alike))
-        for model, end in trials.polished([one.effects for one in sorted(drafts, key=lambda one: one.overall)[:1]]):
-            law = trials.add(trials.converged(model, end)[0])
-            # From recorded states, whose noise is most of the error, less than this is chance.
-            if is_told(law) and is_doubtless(trials.problem, chosen, law) and trials.no_worse(law, chosen, within=trials.settings.material):
-                chosen = law
+        alike = [one for one in laws if effect.name in one.kind.resembles]
+        richer = [one for one in laws if one.contains(effect)] if others else []
+        for beside, some in ((others, alike), ((), richer)):
+            if some and effect in chosen.effects and not trials.cut_short("formulas", seconds):
+                chosen = _law_beside(trials, chosen, beside, some)
+    return chosen
+
+
+def _law_beside(trials: Trials, chosen: Model, others: tuple[Effect, ...], laws: Sequence[Candidate]) -> Model:
+    """`chosen` or, where windows leave no doubt, the nearest of `laws` beside the `others` of its effects."""
+    try:
+        base = as_it_is(trials.problem, others) if others else trials.nominal
+    except np.linalg.LinAlgError:
+        # Without the rest the others lead the linearised simulator astray.
+        return chosen
+    fitter = trials.problem.fitter(others) if others else trials.fitter
+    drafts = sorted(trials.refined(fitter, _fits(trials, base, fitter, 0.0, laws)), key=lambda one: one.overall)
+    for model, end in trials.polished([one.effects for one in drafts[:1]]):
+        law = trials.add(trials.converged(model, end)[0])
+        # From recorded states, whose noise is most of the error, less than this is chance.
+        if is_told(law) and is_doubtless(trials.problem, chosen, law) and trials.no_worse(law, chosen, within=trials.settings.material):
+            return law
     return chosen
 
 
