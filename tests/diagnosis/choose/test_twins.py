@@ -62,6 +62,19 @@ def test_of_what_is_hardly_told_apart_the_likelier_is_chosen_be_it_less_plain(ri
         assert plainest(trials, chosen).key == key([hidden])
 
 
+def test_of_what_is_one_but_for_rounding_neither_is_likelier(rig: Rig) -> None:
+    """A rotor was the weight of a link that turns about one axis, which was nearer in every window by a millionth."""
+    trials = searching(posed(rig, Armature("shoulder", 0.02), seconds=4.0, noise=1e-3))
+    rotor = trials.add(trials.to_the_end([Armature("shoulder", 0.02)]))
+
+    def nearer(share: float) -> Model:
+        return replace(rotor, missed=(1 - share) * rotor.missed, fit=replace(rotor.fit, residuals=np.sqrt(1 - share) * rotor.fit.residuals))
+
+    assert not trials.is_likelier(nearer(1e-6), rotor)
+    assert trials.is_likelier(nearer(1e-2), rotor)
+    assert not trials.is_likelier(rotor, nearer(1e-2))
+
+
 def test_what_an_effect_of_the_answer_contains_is_put_in_no_others_place(rig: Rig) -> None:
     """A rotor was put in the place of a cart's mass beside an elastic drive, which has one."""
     trials = searching(posed(rig, Payload("lower", 0.1, 0.3), seconds=4.0, noise=1e-3))
