@@ -252,9 +252,20 @@ def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: s
         if model.parameters >= chosen.parameters and trials.is_likelier(chosen, model):
             continue
         # Starting states hide that a sensor is late, which is no motor's delay: from those that are recorded it is told.
-        if not trials.is_better(model, chosen) and trials.no_worse(model, trials.nominal) and not trials.loses(model, chosen):
+        is_of_use = trials.no_worse(model, trials.nominal) or trials.no_worse(model, chosen, within=trials.settings.material)
+        if is_of_use and _is_as_good(trials, chosen, model, twin) and not trials.loses(model, chosen):
             return model
     return None
+
+
+def _is_as_good(trials: Trials, chosen: Model, model: Model, twin: Twin) -> bool:
+    """Whether `model`, which `twin` came to, predicts as well as `chosen`.
+
+    Of the same physics by what both were fitted to: on other windows they differ by where fits stopped.
+    """
+    if twin.distance < trials.settings.same:
+        return model.train <= (1 + trials.settings.material) * chosen.train
+    return not trials.is_better(model, chosen)
 
 
 def plainness(effect: Effect) -> Plainness:

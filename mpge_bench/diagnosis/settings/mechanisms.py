@@ -194,6 +194,7 @@ class ChooseSettings:
     settlings: int = setting(8, "fits", "of the answer about its own fit, at most")
     apart: float = setting(3.3, "standard deviations", "between two models' predictions, below which data of one pass for the other's one time in twenty")
     hardly_apart: float = setting(1.0, "standard deviations", "the same, below which data of the one hardly ever speak for it beyond chance")
+    same: float = setting(0.01, "standard deviations", "the same, below which two effects are the same physics, as a rotor and an inertia about one axis")
     alike: float = setting(0.1, "share of what the effect changes", "by which the linearised simulator may tell two effects apart that are one")
     known_alike: float = setting(0.5, "share of what the effect changes", "the same, of two that are known to look alike (`told_apart`)")
     step_told: float = setting(0.25, "of the squares of what half the physics step changes", "a better model has to explain: less may be the integrator's")

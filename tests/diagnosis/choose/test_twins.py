@@ -75,6 +75,14 @@ def test_of_what_is_one_but_for_rounding_neither_is_likelier(rig: Rig) -> None:
     assert not trials.is_likelier(rotor, nearer(1e-2))
 
 
+def test_of_the_same_physics_the_plainer_is_chosen_wherever_its_fit_stopped(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link's weight stood for the rotor that is the same, as one violent window of those that models are chosen by was missed by less."""
+    trials = searching(posed(rig, Armature("shoulder", 0.02), seconds=4.0, noise=1e-3))
+    inertia = trials.add(trials.to_the_end([InertiaScale("upper", 1.5)]))
+    monkeypatch.setattr(trials, "is_better", lambda simple, rich: True)
+    assert [effect.name for effect in plainest(trials, inertia).effects] == ["armature"]
+
+
 def test_what_an_effect_of_the_answer_contains_is_put_in_no_others_place(rig: Rig) -> None:
     """A rotor was put in the place of a cart's mass beside an elastic drive, which has one."""
     trials = searching(posed(rig, Payload("lower", 0.1, 0.3), seconds=4.0, noise=1e-3))
