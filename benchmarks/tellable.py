@@ -4,10 +4,10 @@
     python -m mpge_bench concealed score cases --out cases/scores
     python benchmarks/tellable.py cases [--scores cases/scores] [--only 'c00*']
 
-A case has an *equal* where another effect in the place of one that is hidden, or one in the place of two, predicts the recordings that may be read within a
-standard deviation of what the truth does, all windows together: whoever chooses between two such errs in nearly a third of the cases, and in half of them
-where they are the same physics (a rotor, and the rotational inertia of a link that turns about one axis). Cases without an equal can be told. With the scores
-of a diagnoser, how many of either kind it named rightly.
+A case has an *equal* where another effect in the place of one that is hidden predicts the recordings that may be read within a standard deviation of what the
+truth does, all windows together, or one in the place of two predicts as well: whoever chooses between two such errs in nearly a third of the cases, and in half
+of them where they are the same physics (a rotor, and the rotational inertia of a link that turns about one axis). Cases without an equal can be told. With the
+scores of a diagnoser, how many of either kind it named rightly.
 """
 
 from __future__ import annotations
