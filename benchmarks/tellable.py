@@ -18,11 +18,12 @@ from collections import Counter
 from fnmatch import fnmatch
 from pathlib import Path
 
+import pandas as pd
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from mpge_bench.concealed.answer import ANSWER, kept, said
+from mpge_bench.concealed.answer import said
 from mpge_bench.concealed.score import Truth, cases_of, effects_of
 from mpge_bench.diagnosis.choose.trials import Clock, Trials
 from mpge_bench.diagnosis.choose.twins import merged, twins
@@ -48,13 +49,15 @@ def main() -> None:
     arguments = parser.parse_args()
     console = Console(width=160)
     cases = [case for case in cases_of(arguments.folder) if fnmatch(case.given.name, arguments.only) and case.effects and not case.is_outside]
+    scored = pd.read_parquet(arguments.scores / "scores.parquet") if arguments.scores else pd.DataFrame({"case": [], "right": []})
+    named = set(scored["case"][scored["right"].astype(bool)])
     counts: Counter[tuple[str, bool]] = Counter()
     right: Counter[tuple[str, bool]] = Counter()
     for case in track(cases, "holding others against the truth", console=console):
         found = equals(case)
         where = case.group, not found
         counts[where] += 1
-        right[where] += is_named(case, arguments.scores)
+        right[where] += case.given.name in named
         if found:
             console.print(f"{case.given.name}: {said(case.pairs)} has {len(found)} equals: {', '.join(found[:SHOWN])}{', ...' if found[SHOWN:] else ''}")
     table = Table("hidden", "cases", "told by the recordings", "of these named rightly", "with an equal", "of these named rightly")
@@ -75,14 +78,6 @@ def equals(case: Truth) -> list[str]:
     found = [f"{label(one.effects[-1:])} <- {label(one.replaced)}" for one in near]
     fewer = merged(trials, truth)
     return found if fewer is truth else [*found, f"{label(fewer.effects)} <- {label(truth.effects)}"]
-
-
-def is_named(case: Truth, scores: Path | None) -> bool:
-    """Whether the answer in the `scores`, if there is one, has the effects and places that are hidden and no others."""
-    if scores is None or not (scores / case.given.name / ANSWER).exists():
-        return False
-    answer, _ = kept(scores / case.given.name)
-    return not isinstance(answer, str) and Counter(answer.pairs) == Counter(case.pairs)
 
 
 if __name__ == "__main__":

@@ -58,10 +58,9 @@ def needed(trials: Trials, chosen: Model) -> Model:
         # A drive that swings is fitted in many small steps: from where what has been left out stood in for half of its motor it is a long way.
         far = sorted((pair for pair in pairs if problem.rig.swings(pair[0].effects)), key=lambda pair: pair[0].overall)[:1]
         for less in [*(model for model, _ in pairs), *(trials.converged(*pair)[0] for pair in far)]:
-            before = trials.known().get(less.key)
+            before = known.get(less.key)
             if before is None or less.overall < before.overall:
-                trials.add(less)
-        known = trials.known()
+                known[less.key] = trials.add(less)
         kept = [less for less in map(known.get, map(key, fewer)) if less and not _beats(trials, less, chosen)]
         if not kept:
             break

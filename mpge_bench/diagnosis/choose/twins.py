@@ -100,16 +100,20 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
 
     What one simulator linearised about either model cannot tell apart is one: two fits to the end differ by where they stopped, too.
     """
-    model = trials.known().get(key(twin.effects))
+    model = _model_of(trials, twin, "telling twins apart")
     if model is None:
-        if trials.cut_short("telling twins apart"):
-            return twin
-        model = trials.add(trials.to_the_end(twin.effects))
+        return twin
     distance = _between(trials, chosen, model) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
     fitted = {label([one]): one for one in model.effects}
     effects = tuple(fitted[label([one])] for one in twin.effects)
     return replace(twin, effects=effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
+
+
+def _model_of(trials: Trials, twin: Twin, stage: str) -> Model | None:
+    """The model of the effects of `twin`, fitted to the end if it was not fitted before; None where there is no time."""
+    known = trials.known().get(key(twin.effects))
+    return known or (None if trials.cut_short(stage) else trials.add(trials.to_the_end(twin.effects)))
 
 
 def _between(trials: Trials, chosen: Model, other: Model) -> float:
@@ -170,7 +174,7 @@ class _Columns:
         for candidate in self._trials.candidates:
             if candidate.label in chosen.key or any(candidate.contains(effect) for effect in replaced) or only not in (None, candidate.label):
                 continue
-            if any(candidate.is_within(effect) for effect in others):
+            if not candidate.adds_to(others):
                 # There is a rotor in an elastic drive already.
                 continue
             if candidate.is_of_all and any(other.name == candidate.name for other in others):
@@ -214,11 +218,9 @@ def _likelier(trials: Trials, chosen: Model, near: Sequence[Twin]) -> Model | No
     """The likeliest of those of the models `near` that are likelier than `chosen` with no more parameters; the ones most apart are fitted."""
     found: Model | None = None
     for twin in sorted(near, key=lambda one: -one.distance)[: trials.settings.twins]:
-        model = trials.known().get(key(twin.effects))
+        model = _model_of(trials, twin, _PLAINEST)
         if model is None:
-            if trials.cut_short(_PLAINEST):
-                break
-            model = trials.add(trials.to_the_end(twin.effects))
+            break
         if model.parameters <= chosen.parameters and trials.is_likelier(model, found or chosen) and not trials.loses(model, chosen):
             found = model
     return found

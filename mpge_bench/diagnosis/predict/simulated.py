@@ -41,6 +41,13 @@ class _Grid:
     shaken: Array
     place: Array
 
+    def by_steps(self) -> _Grid:
+        """The same with a row each physics step."""
+        many = self.every
+        if many <= 1:
+            return self
+        return replace(self, every=1, u=np.repeat(self.u, many, axis=1), shaken=np.repeat(self.shaken, many, axis=1), place=many * self.place)
+
 
 class SimulatedWindows:
     """A rig's predictions along recordings, from any states at the windows' beginnings and under any effects.
@@ -106,20 +113,19 @@ class SimulatedWindows:
         looks_back = any(effect.looks_back for effect in sensors)
         starts, beside = np.split(starts, [2 * self._rig.layout.nv], axis=1)
         result, stopped = np.empty((*self._rows.shape, starts.shape[1])), np.zeros(len(starts), np.bool_)
-        for grid in self._grids:
+        # Between rows that a late sensor's readings lie between a drive may hit an end of its play: it reads physics steps.
+        for grid in [one.by_steps() for one in self._grids] if looks_back else self._grids:
             own = grid.windows
             before = None if warm is None else Warm(warm.u[own], warm.q[own], warm.dq[own], warm.count[own])
             every = max(grid.every, 1)
-            # Between rows that a late sensor's readings lie between a drive may hit an end of its play: it reads physics steps.
-            fine = every if looks_back else 1
             shifts = beside[own] if beside.size else None
             unstable = self._settings.predict.unstable
             since = self._since[own]
-            u, shaken = np.repeat(grid.u, fine, axis=1), share * np.repeat(grid.shaken, fine, axis=1) if share else None
-            path, stopped[own] = made.followed(starts[own], u, every=every // fine, unstable=unstable, warm=before, beside=shifts, since=since, shaken=shaken)
+            shaken = share * grid.shaken if share else None
+            path, stopped[own] = made.followed(starts[own], grid.u, every=every, unstable=unstable, warm=before, beside=shifts, since=since, shaken=shaken)
             if sensors:
-                path = self._sensed(path, own, sensors, references, every // fine * self._rig.timestep)
-            result[own] = _at(path[:, ::fine], grid)
+                path = self._sensed(path, own, sensors, references, every * self._rig.timestep)
+            result[own] = _at(path, grid)
         return result, stopped
 
     def _in_bullet(self, effects: Sequence[Effect], starts: Array, references: Sequence[Array], windows: Indices) -> Array | None:
