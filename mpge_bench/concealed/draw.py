@@ -93,7 +93,8 @@ KINDS: dict[str, Kind] = {
     "coulomb_friction": Kind("joint", "dry", _up_to("torque", 0.25)),
     "stribeck_friction": Kind("joint", "dry", lambda rng, size: {"coulomb": 0.2 * size, "static": 0.4 * size, "velocity": rng.uniform(0.2, 0.4)}),
     "load_friction": Kind("motor", "dry", _up_to("coefficient", 0.3)),
-    "joint_spring": Kind("joint", "spring", lambda rng, size: {"stiffness": 0.8 * size, "rest": rng.uniform(-0.6, 0.6)}),
+    # A bias beside it is another rest.
+    "joint_spring": Kind("joint", "bias", lambda rng, size: {"stiffness": 0.8 * size, "rest": rng.uniform(-0.6, 0.6)}),
     "payload": Kind("link", "body", lambda rng, size: {"mass": 0.5 * size, "distance": rng.uniform(0.7, 1.0)}),
     "mass_scale": Kind("link", "body", _around("factor", 0.4)),
     "inertia_scale": Kind("link", "body", lambda rng, size: {"factor": 1 + 1.0 * size}),
