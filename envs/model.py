@@ -332,6 +332,22 @@ class Model:
             having = ", ".join([*self.rotors, *self.flywheels]) or "no joint has one"
             raise UserError(f"joint {joint!r} has no rotor whose inertia could be scaled (those with one: {having}); add one by the effect armature")
 
+    def reflect_rotor(self, joint: str, inertia: float) -> None:
+        """Put a rotor on the fixed base, which is felt at `joint` alone as `inertia`, kg m², in the place of one that a link carries.
+
+        Raises:
+            UserError: if no link carries a rotor of that joint.
+        """
+        carried = [driven for driven, ratio in self.rotors.items() if ratio == ROTOR_RATIO]
+        if joint not in carried:
+            having = ", ".join(carried) or "no joint has one"
+            raise UserError(f"joint {joint!r} has no rotor that a link carries (those with one: {having})")
+        for tag in ("link", "joint"):
+            (part,) = self._root.findall(f"{tag}[@name='{rotor_of(joint)}']")
+            self._root.remove(part)
+        del self.rotors[joint]
+        self.add_rotor(joint, inertia)
+
     def take_flywheels(self) -> bytes:
         """The flywheels as a URDF file of their own, each on a joint named after the robot's, which hands over its damping and its end stops.
 

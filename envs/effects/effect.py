@@ -88,6 +88,7 @@ class Scale:
         restitution: coefficient of the link in contact.
         damping: of the joint as the model has it, N m s/rad.
         rotor: inertia of the joint's rotor as the model has it, kg m².
+        carried_rotor: the same of one that the link before the joint carries, as its body and not at the joint alone.
         servo_period: s, between commands to a servo; 0 where commands are torques.
         servo_kp, servo_kd: gains of the joint's servo as the rig has it, N m/rad and N m s/rad; 0 where it has none.
         before: joints that come before this one, each of which may be tied to it.
@@ -113,6 +114,7 @@ class Scale:
     restitution: float = 0.0
     damping: float = 0.0
     rotor: float = 0.0
+    carried_rotor: float = 0.0
     servo_period: float = 0.0
     servo_kp: float = 0.0
     servo_kd: float = 0.0

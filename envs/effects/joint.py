@@ -303,6 +303,31 @@ class RotorScale(Effect):
 
 
 @dataclass(frozen=True)
+class ReflectedInertia(Effect):
+    """The rotor that the robot has at this joint is felt there alone, as `inertia` on the joint's side, and does not push back on the link that carries it.
+
+    So most simulators have it, by Spong's assumption (J. Dyn. Sys., Meas., Control 109, 1987): MuJoCo's armature.
+    """
+
+    inertia: float
+
+    name = "reflected_inertia"
+    sentence = "The {target}'s rotor is felt at that joint alone, as an inertia of {inertia}; the simulator believes that it pushes back on what carries it."
+    on = "joint"
+    parameters = {"inertia": Parameter("kg m²", 0.0, 1e4, neutral=math.inf)}
+    contains = ("rotor_scale",)
+    steady = True
+    asks_states = True
+
+    def install(self, model: Model) -> None:
+        model.reflect_rotor(self.target, self.inertia)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        return [{"inertia": scale.carried_rotor}] if scale.carried_rotor else []
+
+
+@dataclass(frozen=True)
 class UnknownTorque(Effect):
     """A torque nobody has a name for: a curve over the joint's position (q), velocity (dq) or motor torque (command), straight between the points and flat
     beyond them. What the diagnosis exports of a mismatch it cannot name."""

@@ -83,6 +83,11 @@ class Robot(ABC):
         """The robot's model, as the source has it."""
         return Model(self.model, floating=self.floating)
 
+    @property
+    def carried(self) -> Mapping[str, float]:
+        """Of its armature what links carry, kg m² by joint; a floating base's spins beside it."""
+        return {} if self.floating else self.armature
+
     def chain(self, effects: Sequence[Effect]) -> list[Effect]:
         """`effects` and the robot's own, in the order in which they act: the target's on the motor's command, then the robot's own springs."""
         servo = min((effect.place for effect in self.servos), default=None)

@@ -60,6 +60,7 @@ from mpge_bench.envs.effects import (
     PeriodicGain,
     PeriodicTorque,
     PositionServo,
+    ReflectedInertia,
     Restitution,
     RotorScale,
     Scale,
@@ -136,6 +137,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "periodic_torque": {"amplitude": (10.0, 11.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
     "position_servo": {"kp": (50.0, 60.0), "kd": (5.0, 6.0)},
     "restitution": {"coefficient": (0.3, 0.6)},
+    "reflected_inertia": {"inertia": (1.0, 1.2)},
     "rotor_scale": {"factor": (1.5, 2.0)},
     "sensor_bias": {"offset": (0.1, 0.2)},
     "sensor_delay": {"seconds": (0.01, 0.015)},
@@ -804,6 +806,21 @@ def test_rotor_scale_needs_a_rotor(wheel: Path) -> None:
         ROBOTS["hopper"].world([RotorScale("rooty", 2.0)])
 
 
+def test_a_reflected_inertia_is_felt_at_its_joint_alone() -> None:
+    hopper = ROBOTS["hopper"]
+    q = [0.0, 1.25, 0.1, -0.4, -0.6, 0.2]
+    bare = World(hopper.load(), timestep=STEP, gravity=G).mass_matrix(q)
+    ours = hopper.world([ReflectedInertia("thigh_joint", 0.5), ReflectedInertia("leg_joint", 0.0), ReflectedInertia("foot_joint", 1.5)]).mass_matrix(q)
+    assert ours - bare == pytest.approx(np.diag([0.0, 0.0, 0.0, 0.5, 0.0, 1.5]), abs=1e-9)
+
+
+def test_a_reflected_inertia_needs_a_rotor_that_a_link_carries(wheel: Path) -> None:
+    with pytest.raises(UserError, match=r"reflected_inertia: joint 'hinge' has no rotor that a link carries \(those with one: no joint has one\)"):
+        World(wheel, timestep=STEP, effects=[ReflectedInertia("hinge", 1.0)])
+    with pytest.raises(UserError, match=r"joint 'hip_1' has no rotor that a link carries"):
+        ROBOTS["ant"].world([ReflectedInertia("hip_1", 1.0)])
+
+
 def rod(world: World, q: float) -> tuple[float, float]:
     """Inertia about the arm's elbow, and the torque there that holds the lower rod at `q`, the upper one hanging down."""
     return float(world.mass_matrix([0.0, q])[1, 1]), float(world.inverse_dynamics([0.0, q], [0.0, 0.0], [0.0, 0.0])[1])
@@ -1110,7 +1127,7 @@ def test_many_motions_at_once_are_as_one(name: str) -> None:
         assert (rub is None and set(alone) == {None}) or np.broadcast_to(rub, 20) == pytest.approx(np.array(alone, float), rel=1e-12)
 
 
-@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.on == "joint"])
+@pytest.mark.parametrize("name", [name for name, kind in CATALOGUE.items() if kind.on == "joint" and name != "reflected_inertia"])
 def test_recall_gives_an_effect_the_hidden_state_of_the_real_run(arm: Path, name: str) -> None:
     rotor = [Armature("shoulder", 0.5)] if name == "rotor_scale" else []
     real, later = (World(arm, timestep=STEP, effects=[*rotor, example(name, "shoulder")]) for _ in range(2))

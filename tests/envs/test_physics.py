@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mpge_bench.envs import ROBOTS, RobotEnv
-from mpge_bench.envs.effects import AttachedMass, Effect, ExternalForce, Gravity, LinkSize, MassScale
+from mpge_bench.envs.effects import AttachedMass, Effect, ExternalForce, Gravity, LinkSize, MassScale, ReflectedInertia
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots import Robot
 from mpge_bench.envs.world import World
@@ -166,6 +166,18 @@ def test_the_hopper_with_rotors_is_near_mujocos_armature(in_mujoco: Callable[...
         twin = Twin(in_mujoco, put, ROBOTS["hopper"], seed)
         twin.run()
         assert twin.differences()["joints"] < 0.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reflected_inertia_is_mujocos_armature(in_mujoco: Callable[..., Any], put: Callable[..., None], seed: int) -> None:
+    hopper = ROBOTS["hopper"]
+    twin = Twin(in_mujoco, put, hopper, seed)
+    effects = [ReflectedInertia(joint, inertia) for joint, inertia in hopper.armature.items()]
+    twin.world = World(hopper.load(), timestep=STEP, gravity=hopper.gravity, armature=hopper.armature, iterations=200, effects=effects)
+    twin.world.set_state(twin.q, twin.dq)
+    twin.run()
+    # A rotor that pushes back comes to .01 to .05.
+    assert twin.differences()["joints"] < 1e-3
 
 
 @pytest.mark.parametrize("name", ["ant", "light_ant"])

@@ -74,6 +74,7 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
             inertia=inertia,
             damping=damping.get(joint, (0.0, 0.0))[0],
             rotor=rig.robot.armature.get(joint, 0.0) if rig.robot else 0.0,
+            carried_rotor=rig.robot.carried.get(joint, 0.0) if rig.robot else 0.0,
             servo_period=simulator.period if rig.robot and rig.robot.servos else servo.servo_period if servo else 0.0,
         )
     links: dict[str, Scale] = {}

@@ -28,8 +28,9 @@ from mpge_bench.diagnosis.free.simulator import simulator_of
 from mpge_bench.diagnosis.free.verdict import concluded
 from mpge_bench.diagnosis.free.windows import Windows, windows_of
 from mpge_bench.diagnosis.settings import DiagnosisSettings
-from mpge_bench.diagnosis.transitions.choose import Answer, plainness_of
+from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.fit import Model, chance_of, model_of, nats_of
+from mpge_bench.diagnosis.transitions.trials import plainness_of
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs.effects import Effect
 

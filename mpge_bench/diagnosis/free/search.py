@@ -14,11 +14,12 @@ from mpge_bench.diagnosis.free.proportion import nearer
 from mpge_bench.diagnosis.free.side_by_side import relinearised, restarted
 from mpge_bench.diagnosis.free.twins import rivals
 from mpge_bench.diagnosis.free.windows import Windows
-from mpge_bench.diagnosis.transitions.choose import Search, plainness_of
+from mpge_bench.diagnosis.transitions.choose import Search
 from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, model_of, slopes_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.screen import Refit, refit_of
+from mpge_bench.diagnosis.transitions.trials import plainness_of
 from mpge_bench.envs.effects import Delay
 
 Array = npt.NDArray[np.float64]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.effects import Armature, ContactCompliance, Effect, JointSpring, Restitution, RotorScale
+from mpge_bench.envs.effects import Armature, ContactCompliance, Effect, JointSpring, ReflectedInertia, Restitution, RotorScale
 from mpge_bench.envs.effects.world import GROUND
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.model import Model
@@ -80,7 +80,10 @@ def _chain(rig: Rig, effects: Sequence[Effect]) -> list[Effect]:
     for one in acting:
         if isinstance(one, RotorScale):
             rotors[one.target] *= one.factor
-    return [*(one for one in acting if not isinstance(one, RotorScale)), *(Armature(joint, inertia) for joint, inertia in rotors.items() if inertia)]
+        elif isinstance(one, ReflectedInertia):
+            rotors[one.target] = one.inertia
+    others = [one for one in acting if not isinstance(one, RotorScale | ReflectedInertia)]
+    return [*others, *(Armature(joint, inertia) for joint, inertia in rotors.items() if inertia)]
 
 
 def _written(effects: Sequence[Effect], model: Model) -> tuple[Effect, ...]:

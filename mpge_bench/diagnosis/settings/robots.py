@@ -65,6 +65,7 @@ class ReplaySettings:
     standing_for: float = setting(0.0, "share of a model's gain", "that a look must promise, for one hypothesis to be tried in the place of several")
     near: float = setting(3.0, "times", "what a draft may miss of what a model does, to have a chance in its place")
     most: int = setting(6, "hypotheses", "of a model, at most")
+    exchanged: int = setting(4, "models", "of a round with a rival in the place of an effect are fitted at most, where something is left")
     rounds: int = setting(2, "rounds", "after which, where something is left, all that robots of one make usually differ by is fitted at once")
     flights: int = setting(4, "times", "at most it is asked which rows are in the air, and all that is usual fitted to these, before all rows count")
     block: int = setting(5, "rows", "neighbouring ones, whose noise is alike, count as one piece of evidence")

@@ -9,20 +9,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.evidence import best_trust
+from mpge_bench.diagnosis.transitions.exchange import exchanged
 from mpge_bench.diagnosis.transitions.fit import Model, Predictor, Rows, fitted, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.many import usual_differences
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.transitions.screen import Columns, Look, Refit, columns_of, look, looked_again, refit_of, share_of, together
-from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside
+from mpge_bench.diagnosis.transitions.trials import Trials, fitted_beside, plainness_of
 
 Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
-#: More than any robot has links.
-_EVERYTHING = 1000
 
 
 @dataclass(frozen=True)
@@ -90,6 +88,8 @@ class Search(Trials):
             if self.late("looking for effects"):
                 break
             richer = self.taken_in(chosen)
+            if richer.hypotheses and self.is_lacking(richer, self.settings.exact_share):
+                richer = exchanged(self, richer)
             rounds, is_stuck = rounds + 1, richer is chosen
             chosen = richer
             # Not at once: what two rounds find takes less time so, unless what the first finds is usual.
@@ -337,12 +337,6 @@ def _start(other: Hypothesis, model: Model, one: Hypothesis) -> list[float]:
     """Parameters of `other` from which to fit it in the place of `one`: those of the same name, else its own."""
     values, first = dict(zip(one.kind.parameters, model.values[model.hypotheses.index(one)], strict=False)), other.starts[0]
     return [values.get(name, getattr(first, name)) for name in other.kind.parameters]
-
-
-def plainness_of(model: Model) -> tuple[int, int, int, list[Plainness]]:
-    """Less of plainer models: fewer parameters, fewer hypotheses, fewer things acted on, commoner physics."""
-    acted_on = sum(_EVERYTHING if "*" in one.targets else len(one.targets) for one in model.hypotheses)
-    return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)
 
 
 def _fitted(replay: Predictor, rows: Rows, settings: ReplaySettings, iterations: int, draft: Model) -> Model:

@@ -179,6 +179,7 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
             gravity=(0.0, 0.0, robot.gravity),
             damping=losses.get(joint, (0.0, 0.0))[0],
             rotor=robot.armature.get(joint, 0.0),
+            carried_rotor=robot.carried.get(joint, 0.0),
             servo_period=robot.dt if robot.servos else 0.0,
         )
     touched: dict[str, Scale] = {}

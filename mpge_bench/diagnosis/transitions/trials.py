@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.evidence import likeness, repeats
@@ -21,6 +22,8 @@ from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
+#: More than any robot has links.
+_EVERYTHING = 1000
 
 
 @dataclass
@@ -143,3 +146,9 @@ def fitted_beside(
 ) -> Model:
     """`model` and hypotheses `added` to it, with the parameters from which theirs are sought, fitted together."""
     return fitted(replay, (*model.hypotheses, *added[0]), (*model.values, *added[1]), rows, settings, iterations)
+
+
+def plainness_of(model: Model) -> tuple[int, int, int, list[Plainness]]:
+    """Less of plainer models: fewer parameters, fewer hypotheses, fewer things acted on, commoner physics."""
+    acted_on = sum(_EVERYTHING if "*" in one.targets else len(one.targets) for one in model.hypotheses)
+    return model.size, len(model.hypotheses), acted_on, sorted(plainness(one.starts[0]) for one in model.hypotheses)

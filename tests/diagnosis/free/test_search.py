@@ -18,10 +18,11 @@ from mpge_bench.diagnosis.free.pipeline import _for_windows
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.pipeline import Diagnosis, diagnose_files
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.choose import Answer, plainness_of
+from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Scales, listed
 from mpge_bench.diagnosis.transitions.screen import Refit
+from mpge_bench.diagnosis.transitions.trials import plainness_of
 from mpge_bench.envs.effects import Delay, Effect, JointSpring, Lag, MassScale, Scale, TorqueGain
 
 from .conftest import UNHURRIED, Tossed

@@ -31,6 +31,7 @@ from mpge_bench.envs.effects import (
     Lag,
     MassScale,
     Payload,
+    ReflectedInertia,
     Restitution,
     RotorScale,
     SensorBias,
@@ -308,6 +309,8 @@ def test_a_robot_has_its_rotors_and_its_friction_in_mujoco(tmp_path: Path) -> No
     model = mujoco.MjModel.from_xml_string(found.text)
     assert [model.joint(name).armature[0] for name in ("thigh_joint", "leg_joint", "foot_joint")] == [1.0, 0.5, 1.0]
     assert [model.geom_friction[model.body(name).geomadr[0], 0] for name in ("torso", "foot")] == pytest.approx([0.9, 0.4])
+    found = exported(rig, tmp_path / "b.xml", [ReflectedInertia("leg_joint", 1.2)])
+    assert mujoco.MjModel.from_xml_string(found.text).joint("leg_joint").armature[0] == 1.2
     urdf = exported(rig, tmp_path / "a.urdf", [ContactFriction("foot", 0.4)])
     assert [one.name for one in urdf.left_out] == ["armature"] * 3
     (tmp_path / "again.urdf").write_text(urdf.text)

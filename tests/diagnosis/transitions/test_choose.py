@@ -22,7 +22,7 @@ from mpge_bench.diagnosis.transitions.hypotheses import Scales, hypotheses, list
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.diagnosis.verdict.result import DiagnosisResult
 from mpge_bench.envs import Task, get_task
-from mpge_bench.envs.effects import CATALOGUE, AttachedMass, Effect, Scale, TorqueGain
+from mpge_bench.envs.effects import CATALOGUE, AttachedMass, Effect, ReflectedInertia, Scale, TorqueGain
 from mpge_bench.unmask import drawn
 
 #: Fewer rows, so that tests take seconds.
@@ -57,6 +57,15 @@ def test_a_heavy_pole_is_found_to_the_last_digit() -> None:
     assert found.result.fit.held_out.after is not None
     assert found.result.fit.held_out.after < 1e-6
     assert DiagnosisResult.from_json(found.result.to_json()).effects == found.result.effects
+
+
+@pytest.mark.slow
+def test_rotors_that_do_not_push_back_are_found() -> None:
+    task = get_task("broken_hopper")
+    found = unmask(dataclasses.replace(task, effects=tuple(ReflectedInertia(joint, 1.1) for joint in task.robot.armature)))
+    assert found.result.verdict == "explained"
+    assert {(one.name, one.target) for one in found.effects} == {("reflected_inertia", joint) for joint in task.robot.armature}
+    assert [one.inertia for one in found.effects] == pytest.approx([1.1] * 3, rel=1e-6)  # type: ignore[attr-defined]
 
 
 @pytest.mark.slow
