@@ -201,7 +201,7 @@ def effects(draw: st.DrawFn, rig: Rig) -> Effect:
     """Any effect of the catalogue on anything in the rig that it can act on."""
     # The arm has no shapes, no ground and no rotors.
     contact = {"contact_compliance", "contact_friction", "ground_height", "ground_tilt", "restitution"}
-    name = draw(st.sampled_from(sorted(set(CATALOGUE) - contact - {"link_size", "rotor_scale"})))
+    name = draw(st.sampled_from(sorted(set(CATALOGUE) - contact - {"link_size", "reflected_inertia", "rotor_scale"})))
     kind = CATALOGUE[name]
     values: dict[str, Any] = {}
     points = draw(st.integers(1, 4))
