@@ -15,6 +15,8 @@ from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.envs.effects.vector import parameters_of
 
 Array = npt.NDArray[np.float64]
+#: Of the squares of what an effect changes in the usual row: rows with less do not answer to it, those with more jump.
+_ANSWERS, _JUMPS = 1e-2, 1e2
 
 
 @dataclass(frozen=True)
@@ -165,11 +167,27 @@ def _guess(model: Model, known: Columns, settings: ReplaySettings, refit: Refit)
         shares = np.zeros(len(starts))
         shares[place] = float(own @ column / (column @ column))
         options.append((float((own @ column) ** 2 / (column @ column) / (own**2).sum()), shares))
+        calm, share = _calm(changes[place], weights, residuals)
+        shares = np.zeros(len(starts))
+        shares[place] = share
+        options.append((_share(residuals, residuals - share * calm, scale), shares))
     gain, shares = max(options, key=lambda one: one[0])
     if gain <= other.gain:
         return other, other
     values = tuple(np.clip(absent + shares @ moves, *hypothesis.bounds).tolist())
     return other, _Guess(gain, values, np.tensordot(shares, changes, 1))
+
+
+def _calm(change: Array, weights: Array, residuals: Array) -> tuple[Array, float]:
+    """`change` but for rows in which it is a jump, as of a contact that opens, and the median over the others that answer of the share nearest to `residuals`.
+
+    One such row decides all sums of squares. All are shaped (rows, entries).
+    """
+    answer = ((change * weights) ** 2).sum(1)
+    usual = float(np.median(answer[answer > 0]))
+    calm = np.where((answer > _JUMPS * usual)[:, None], 0.0, change)
+    answers = (answer > _ANSWERS * usual) & (answer < _JUMPS * usual)
+    return calm, float(np.median((residuals * change * weights**2).sum(1)[answers] / answer[answers]))
 
 
 def _shares(columns: Array, own: Array, moves: Array) -> Array:

@@ -47,6 +47,18 @@ def test_what_has_an_absence_starts_as_near_to_it_as_what_is_missed_is_small() -
     assert look(model, known, SETTINGS, refit_of(model, np.zeros((0, 50, 4)), SETTINGS)).start[0] == pytest.approx((0.96,))
 
 
+def test_a_row_that_jumps_does_not_hide_what_all_others_say() -> None:
+    """An ant in twice the gravity: under a little less of it one of 24 windows lost its contact, and gravity promised nothing."""
+    change = np.random.default_rng(4).normal(size=(24, 6))
+    missed = 16 * change
+    change[7] *= 50
+    model = Model((), (), missed, 0.0)
+    known = Columns(Hypothesis(("a",), (TorqueGain("a", 0.95),), (1.0,)), np.array([[0.95]]), change[None])
+    found = look(model, known, SETTINGS, refit_of(model, None, SETTINGS))
+    assert found.start[0] == pytest.approx((0.2,))
+    assert found.gain > 0.9
+
+
 def test_a_parameter_that_changes_nothing_starts_where_it_is_absent() -> None:
     """A load's place across a plane: as much of what it weighs was put at the start that lies there, and the fit, exact otherwise, was implausible."""
     rng = np.random.default_rng(2)
