@@ -337,6 +337,10 @@ class Effect:
         """What it adds to its joint's own inertia and to no other entry of the mass matrix, kg m²."""
         return 0.0
 
+    def own_rotor(self, inertia: float) -> float:
+        """What it makes of the `inertia`, kg m², of the rotor that the robot has at its joint; as it is, of all but the effects that are about nothing else."""
+        return inertia
+
     @property
     def shaking(self) -> float:
         """Share of the base's recorded acceleration that it says acts."""

@@ -297,6 +297,9 @@ class RotorScale(Effect):
     def install(self, model: Model) -> None:
         model.scale_rotor(self.target, self.factor)
 
+    def own_rotor(self, inertia: float) -> float:
+        return self.factor * inertia
+
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:
         return [{"factor": 1.2}] if scale.rotor else []
@@ -321,6 +324,9 @@ class ReflectedInertia(Effect):
 
     def install(self, model: Model) -> None:
         model.reflect_rotor(self.target, self.inertia)
+
+    def own_rotor(self, inertia: float) -> float:
+        return self.inertia
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

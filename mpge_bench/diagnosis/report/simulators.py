@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.envs.effects import Armature, ContactCompliance, Effect, JointSpring, ReflectedInertia, Restitution, RotorScale
+from mpge_bench.envs.effects import Armature, ContactCompliance, Effect, JointSpring, Restitution
 from mpge_bench.envs.effects.world import GROUND
 from mpge_bench.envs.errors import UserError, one_line
 from mpge_bench.envs.model import Model
@@ -77,12 +77,12 @@ def _chain(rig: Rig, effects: Sequence[Effect]) -> list[Effect]:
     """All that acts, in order; the rotors of a robot of the benchmark, too, which are built into its world, as large as `effects` say."""
     acting = rig.acting(effects)
     rotors = dict(rig.robot.armature) if rig.robot else {}
+    others = []
     for one in acting:
-        if isinstance(one, RotorScale):
-            rotors[one.target] *= one.factor
-        elif isinstance(one, ReflectedInertia):
-            rotors[one.target] = one.inertia
-    others = [one for one in acting if not isinstance(one, RotorScale | ReflectedInertia)]
+        if type(one).own_rotor is Effect.own_rotor:
+            others.append(one)
+        else:
+            rotors[one.target] = one.own_rotor(rotors[one.target])
     return [*others, *(Armature(joint, inertia) for joint, inertia in rotors.items() if inertia)]
 
 

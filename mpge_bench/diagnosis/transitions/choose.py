@@ -87,9 +87,7 @@ class Search(Trials):
         while len(chosen.hypotheses) < self.settings.most and (not chosen.hypotheses or self.is_lacking(chosen, self.settings.exact_share)):
             if self.late("looking for effects"):
                 break
-            richer = self.taken_in(chosen)
-            if richer.hypotheses and self.is_lacking(richer, self.settings.exact_share):
-                richer = exchanged(self, richer)
+            richer = exchanged(self, self.taken_in(chosen))
             rounds, is_stuck = rounds + 1, richer is chosen
             chosen = richer
             # Not at once: what two rounds find takes less time so, unless what the first finds is usual.

@@ -10,8 +10,12 @@ from mpge_bench.diagnosis.transitions.trials import Trials
 
 
 def exchanged(trials: Trials, model: Model) -> Model:
-    """The first that describes better of `model` with a rival in the place of one of its hypotheses; else `model`."""
-    for one, rival, values in list(_rivals(trials, model))[: trials.settings.exchanged]:
+    """The first that describes better of `model`, if that leaves something, with a rival in the place of one of its hypotheses; else `model`."""
+    rivals = list(_rivals(trials, model))[: trials.settings.exchanged]
+    # Most models have none, and whether something is left takes a replay of everything.
+    if not rivals or not trials.is_lacking(model, trials.settings.exact_share):
+        return model
+    for one, rival, values in rivals:
         if trials.late("effects in each other's place"):
             break
         others, own = model.without(one)

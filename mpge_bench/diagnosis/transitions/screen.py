@@ -163,14 +163,10 @@ def _guess(model: Model, known: Columns, settings: ReplaySettings, refit: Refit)
         shares = _shares(columns, own, moves)
         options.append((1 - float(((own - shares @ columns) ** 2).sum() / (own**2).sum()), shares))
     for place in np.flatnonzero(alive):
-        column = columns[place]
-        shares = np.zeros(len(starts))
-        shares[place] = float(own @ column / (column @ column))
-        options.append((float((own @ column) ** 2 / (column @ column) / (own**2).sum()), shares))
+        column, alone = columns[place], np.eye(len(starts))[place]
+        options.append((float((own @ column) ** 2 / (column @ column) / (own**2).sum()), float(own @ column / (column @ column)) * alone))
         calm, share = _calm(changes[place], weights, residuals)
-        shares = np.zeros(len(starts))
-        shares[place] = share
-        options.append((_share(residuals, residuals - share * calm, scale), shares))
+        options.append((_share(residuals, residuals - share * calm, scale), share * alone))
     gain, shares = max(options, key=lambda one: one[0])
     if gain <= other.gain:
         return other, other
