@@ -244,6 +244,7 @@ class ContactCompliance(OfModel):
 
     name = "contact_compliance"
     in_contact = True
+    moves_starts = True
     sentence = "The {target} meets the ground softly: {stiffness} and {damping} at each point of contact."
     on = "link"
     takes_all = True

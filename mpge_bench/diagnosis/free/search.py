@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.free.evidence import Evidence
+from mpge_bench.diagnosis.free.own_starts import promising
 from mpge_bench.diagnosis.free.proportion import nearer
 from mpge_bench.diagnosis.free.side_by_side import relinearised, restarted
 from mpge_bench.diagnosis.free.twins import rivals
@@ -37,6 +38,8 @@ class FreeSearch(Search):
     beside: dict[tuple[object, ...], tuple[Model, ...]] = field(default_factory=dict)
     #: Models beside which one more hypothesis was sought, or none is missing.
     looked_beside: set[object] = field(default_factory=set)
+    #: Models with what decides what becomes of starts, by those beside which that was looked at.
+    with_starts: dict[tuple[object, ...], Model | None] = field(default_factory=dict)
     #: What the model misses beside which columns are known, of the rows `glance`, with long steps.
     left_beside: Array | None = None
 
@@ -135,22 +138,39 @@ class FreeSearch(Search):
         """
         self.looked_beside.add(model.key)
         richer = super().taken_in(model)
-        if richer is model:
-            return richer
         if not self.is_smooth:
             # What is not fitted to its end looks as if more were missing.
-            return self.add(self.settled(richer))
+            return richer if richer is model else self.add(self.settled(richer))
+        beside = self.about_own_starts(model)
+        if richer is model and beside is None:
+            return model
         rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
-        found = self._judged_anew(self.settled(richer))
+        found = self._judged_anew(self._likelier(self.settled(richer), beside))
         before = self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings))
         if not self.is_better(found, before):
             return before
         for one in rivals:
-            if not self.late("fitting hypotheses"):
+            if found.key == richer.key and not self.late("fitting hypotheses"):
                 self.add(self.fitted(one.hypotheses, one.values))
         # What is left is told by what effects change beside this: what rests on level ground does not show how soft that is as what slides does.
         self.forget()
         return found
+
+    def about_own_starts(self, model: Model) -> Model | None:
+        """See `promising`."""
+        if _named(model) not in self.with_starts:
+            self.with_starts[_named(model)] = promising(self, self.windows, model)
+        return self.with_starts[_named(model)]
+
+    def _likelier(self, model: Model, other: Model | None) -> Model:
+        """`model`, which is settled, or `other` where that describes better once it is, each about its own starts."""
+        if other is None:
+            return model
+        windows, found = self.replay, self.settled(other)
+        if self.is_better(found, model):
+            return found
+        self.replay, self.last = windows, model
+        return model
 
     def _judged_anew(self, found: Model) -> Model:
         """`found`, by which all models are judged from now on."""
@@ -282,6 +302,8 @@ class FreeSearch(Search):
         if not lacks and not self.columns and not self.late("looking for effects"):
             self.know_all(model)
             lacks = is_told()
+        if not lacks and self.is_smooth and self.last is not None and _named(model) == _named(self.last):
+            lacks = self.about_own_starts(model) is not None
         if not lacks:
             self.looked_beside.add(model.key)
         return lacks

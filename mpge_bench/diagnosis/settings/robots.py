@@ -148,6 +148,7 @@ class FreeSettings:
     contested: int = setting(2, "rivals", "with another effect in the place of one, the plainest, are fitted about what starts change beside them, too")
     contest: float = setting(0.01, "nats an entry", "by which such a rival may describe worse before that")
     still: float = setting(0.3, "standard errors", "by which that moves no parameter any more")
+    own_starts: int = setting(16, "windows", "from starts of its own, tell whether what decides what becomes of them promises anything")
     idle: int = setting(2, "times", "on end that this gains less than equals differ by, and is over: parameters that hardly matter move on")
     interval: float = setting(6.0, "standard errors", "that a 95% interval reaches either way (64 of 71 held): laws of contact differ by more than steps")
     choosing: float = setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
