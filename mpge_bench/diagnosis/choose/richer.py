@@ -34,10 +34,9 @@ def richer(trials: Trials, chosen: Model) -> Model:
     left = screen(fitter, containing, chosen.fit, draws=problem.settings.fit.draws_left)
     if left.odds < trials.settings.doubtless and trials.is_clean(chosen):
         return chosen
+    found = [one for one in _fitted(trials, chosen, fitter, _begun(trials, chosen, chosen.effects), trials.settings.richer) if trials.is_better(chosen, one)]
     # Of fits that leave as little of what they are fitted to, as from drives of two stiffnesses, the others tell.
-    found = _fitted(trials, chosen, fitter, _begun(trials, chosen, chosen.effects), trials.settings.richer)
-    best = found[int(np.argmin(trials.levels(found)))] if found else chosen
-    return best if trials.is_better(chosen, best) else chosen
+    return found[int(np.argmin(trials.levels(found)))] if found else chosen
 
 
 def _begun(trials: Trials, model: Model, contained: Sequence[Effect]) -> list[list[Effect]]:

@@ -26,7 +26,7 @@ from mpge_bench.diagnosis.hypotheses.candidates import candidates, key, scales
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT, ChooseSettings
 from mpge_bench.envs.compiled import begin_budget
-from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Lag, TorqueLimit, ViscousFriction
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, JointElasticity, Lag, TorqueLimit, ViscousFriction
 
 from ..conftest import ARM, asking, noisy, posed, record, searching, write_rig
 
@@ -190,3 +190,14 @@ def test_time_is_left_to_leave_out_what_is_needless(rig: Rig, monkeypatch: pytes
     found = choice.choose(asked, candidates(rig, asked.scales), Workers(1), Clock(now - 900, now + 100))
     assert found.chosen.key == {"viscous_friction:elbow"}
     assert found.cut == ("combining effects",)
+
+
+@pytest.mark.slow
+def test_what_recorded_states_led_to_may_be_what_contains_it(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An elastic drive of a cart remained the rotor that a search from recorded states had found beside a dead zone and a late sensor."""
+    asked = posed(rig, JointElasticity("elbow", 90.0, 0.2, 0.02), seconds=4.0, noise=1e-4)
+    monkeypatch.setattr(choice, "grow", lambda trials, screening: trials.add(trials.nominal))
+    monkeypatch.setattr(choice, "with_formulas", lambda trials, named: named)
+    monkeypatch.setattr(choice, "by_recorded_states", lambda trials, named: trials.add(trials.to_the_end([Armature("elbow", 0.02)])))
+    found = choice.choose(asked, candidates(rig, asked.scales), Workers(1), Clock(0.0, np.inf))
+    assert found.chosen.key == {"joint_elasticity:elbow"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+import mpge_bench.diagnosis.choose.richer as richer_module
 from mpge_bench.diagnosis.choose.richer import richer, try_richer_friction
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is
@@ -36,6 +37,17 @@ def test_a_drive_whose_play_was_a_rotor_is_elastic(rig: Rig) -> None:
     (found,) = richer(search, search.add(rotor)).effects
     assert isinstance(found, JointElasticity)
     assert (found.stiffness, found.motor_inertia) == pytest.approx((90.0, 0.02), rel=0.1)
+
+
+def test_of_two_fits_one_that_is_better_counts_and_not_the_nearer_one_that_is_none(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive of 2.2 kN/m came to 3.3 and 10.7; the latter was nearer on a few windows and no better on the whole, and the drive remained a rotor."""
+    search = searching(posed(rig, JointElasticity("elbow", 90.0, 0.2, 0.02), seconds=4.0, noise=1e-4))
+    rotor = as_it_is(search.problem, [Armature("elbow", 0.02)])
+    better, nearer = (as_it_is(search.problem, [JointElasticity("elbow", stiffness, 0.2, 0.02)]) for stiffness in (100.0, 90.0))
+    assert search.levels([better, nearer])[1] < search.levels([better, nearer])[0]
+    monkeypatch.setattr(richer_module, "_fitted", lambda *_: [better, nearer])
+    monkeypatch.setattr(search, "is_better", lambda simple, rich: rich is better)
+    assert richer(search, rotor) is better
 
 
 def test_what_leaves_nothing_stays(rig: Rig) -> None:
