@@ -150,7 +150,7 @@ class FreeSettings:
     still: float = setting(0.3, "standard errors", "by which that moves no parameter any more")
     own_starts: int = setting(16, "windows", "from starts of its own, tell whether what decides what becomes of them promises anything")
     idle: int = setting(2, "times", "on end that this gains less than equals differ by, and is over: parameters that hardly matter move on")
-    interval: float = setting(6.0, "standard errors", "that a 95% interval reaches either way (64 of 71 held): laws of contact differ by more than steps")
+    interval: float = setting(6.0, "standard errors", "that a 95% interval reaches either way (92 of 101 held): laws of contact differ by more than steps")
     choosing: float = setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
     judged: int = setting(8, "models", "the best ones, are held against what models are chosen by")
     against: float = setting(0.75, "share of these windows", "which another model describes better: beyond it no chance is allowed for")
