@@ -202,11 +202,7 @@ class Trials:
         # What alone explains all is better though more is lost where it starts from recorded states: those of a motor's side nobody records.
         if self.explains(rich) and not self.explains(simple) and is_doubtless(self.problem, simple, rich):
             return True
-        if self.loses(rich, simple):
-            return False
-        # Nor do recorded states tell how far such a drive is wound.
-        is_wound = self.problem.rig.swings(rich.effects) and not self.problem.rig.swings(simple.effects)
-        return gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least or (is_wound and is_doubtless(self.problem, simple, rich))
+        return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
     def is_likelier(self, one: Model, other: Model) -> bool:
         """Whether all windows together say beyond chance that `one` predicts better than `other`, if by however little; of none far from the noise."""
