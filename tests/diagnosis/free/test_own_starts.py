@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 import yaml
 
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
+from mpge_bench.diagnosis.free.lengths import longest
 from mpge_bench.diagnosis.free.own_starts import promising
 from mpge_bench.diagnosis.free.pipeline import _for_windows
 from mpge_bench.diagnosis.free.search import FreeSearch
@@ -65,3 +68,16 @@ def test_a_soft_ground_promises_little_from_the_starts_of_a_hard_one_and_much_fr
 def test_a_hard_ground_is_not_soft(tmp_path: Path) -> None:
     search = searched(slid(tmp_path, ()))
     assert promising(search, search.windows, model_of(search.replay, (), (), search.every, search.settings)) is None
+
+
+@pytest.mark.slow
+def test_it_is_fitted_to_its_end_beside_what_other_looks_found(tmp_path: Path) -> None:
+    given = measured(slid(tmp_path, (SOFT,)))
+    length = longest(*given, DEFAULT, Workers(1), UNHURRIED)
+    settings = _for_windows(replace(DEFAULT, free=length.settings), length.windows.entries)
+    options = [one for one in hypotheses(*given[:3], DEFAULT) if one.kind.name in ("contact_compliance", "contact_friction", "ground_height")]
+    search = FreeSearch(length.windows, options, Workers(1), UNHURRIED, settings.replay, evidence=Evidence(length.windows, length.own, settings))
+    assert search.is_smooth
+    found = search.taken_in(search.first())
+    assert [one.label for one in found.hypotheses] == ["contact_compliance:brick"]
+    assert found.values[0][0] == pytest.approx(SOFT.stiffness, rel=0.1)
