@@ -151,7 +151,8 @@ def choose(
             # What was found so is as it should be; fits in windows lead away from it.
             chosen = with_curves(trials, as_used)
         else:
-            chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, richer(trials, needed(trials, nearer)) if nearer else named))))
+            found = richer(trials, needed(trials, nearer)) if nearer else named
+            chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, found))))
             chosen = _overlooked(trials, chosen)
         chosen = trials.as_exported(acting(trials, chosen))
     models, alike, is_far = tuple(trials.models), twins(trials, chosen), trials.are_far([chosen])

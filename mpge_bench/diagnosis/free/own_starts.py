@@ -9,8 +9,9 @@ import numpy as np
 from mpge_bench.diagnosis.free.windows import Windows
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.choose import Search
-from mpge_bench.diagnosis.transitions.fit import Model, effects_of, fitted, model_of
+from mpge_bench.diagnosis.transitions.fit import Model, effects_of, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.diagnosis.transitions.trials import fitted_beside
 from mpge_bench.envs.effects.vector import parameters_of
 
 
@@ -28,7 +29,8 @@ def promising(search: Search, windows: Windows, model: Model) -> Model | None:
 
 def _beside(some: Windows, model: Model, settings: ReplaySettings, added: tuple[Sequence[Hypothesis], Sequence[Sequence[float]]]) -> Model:
     """`model` and hypotheses `added` to it, fitted from these parameters about the starts that are likeliest with all of them."""
-    hypotheses, values = (*model.hypotheses, *added[0]), (*model.values, *added[1])
-    own = some.relinearised(effects_of(hypotheses, values), anew=True)
+    own = some.relinearised(effects_of((*model.hypotheses, *added[0]), (*model.values, *added[1])), anew=True)
     every = np.arange(len(own))
-    return fitted(own, hypotheses, values, every, settings, settings.iterations) if hypotheses else model_of(own, (), (), every, settings)
+    if not model.hypotheses and not added[0]:
+        return model_of(own, (), (), every, settings)
+    return fitted_beside(own, model, every, settings, settings.iterations, added)

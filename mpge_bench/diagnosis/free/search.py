@@ -141,16 +141,16 @@ class FreeSearch(Search):
         if not self.is_smooth:
             # What is not fitted to its end looks as if more were missing.
             return richer if richer is model else self.add(self.settled(richer))
-        beside = self.about_own_starts(model)
-        if richer is model and beside is None:
+        other = self.about_own_starts(model)
+        if richer is model and other is None:
             return model
         rivals = [one for one in self.models.values() if one.hypotheses and one.key != richer.key and self.is_equal(one, richer)]
-        found = self._judged_anew(self._likelier(self.settled(richer), beside))
+        found = self._judged_anew(self._likelier(self.settled(richer), other))
         before = self.add(model_of(self.replay, model.hypotheses, model.values, self.rows, self.settings))
         if not self.is_better(found, before):
             return before
-        for one in rivals:
-            if found.key == richer.key and not self.late("fitting hypotheses"):
+        for one in rivals if found.key == richer.key else ():
+            if not self.late("fitting hypotheses"):
                 self.add(self.fitted(one.hypotheses, one.values))
         # What is left is told by what effects change beside this: what rests on level ground does not show how soft that is as what slides does.
         self.forget()

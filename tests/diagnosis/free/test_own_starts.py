@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
-from mpge_bench.diagnosis.free.lengths import longest
 from mpge_bench.diagnosis.free.own_starts import promising
 from mpge_bench.diagnosis.free.pipeline import _for_windows
 from mpge_bench.diagnosis.free.search import FreeSearch
@@ -23,6 +21,7 @@ from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.envs.effects import ContactCompliance, Effect
 
 from .conftest import BRICK, NOISE, RIG, UNHURRIED
+from .test_twins import searched
 from .test_windows import made, measured
 
 SOFT = ContactCompliance("brick", 4000.0, 25.0)
@@ -45,7 +44,7 @@ def slid(folder: Path, effects: tuple[Effect, ...]) -> Path:
     return folder
 
 
-def searched(folder: Path) -> FreeSearch:
+def in_short_windows(folder: Path) -> FreeSearch:
     windows = made(folder).linearised()
     settings = _for_windows(DEFAULT, windows.entries)
     options = [one for one in hypotheses(*measured(folder)[:3], DEFAULT) if one.kind.moves_starts]
@@ -55,7 +54,7 @@ def searched(folder: Path) -> FreeSearch:
 
 def test_a_soft_ground_promises_little_from_the_starts_of_a_hard_one_and_much_from_its_own(tmp_path: Path) -> None:
     """Of a sled on a soft slope a tilted gravity was found, and a tilted ground stood in for the soft one."""
-    search = searched(slid(tmp_path, (SOFT,)))
+    search = in_short_windows(slid(tmp_path, (SOFT,)))
     (soft,) = search.hypotheses
     nothing = model_of(search.replay, (), (), search.every, search.settings)
     from_others = model_of(search.replay, (soft,), ((SOFT.stiffness, SOFT.damping),), search.every, search.settings)
@@ -66,17 +65,13 @@ def test_a_soft_ground_promises_little_from_the_starts_of_a_hard_one_and_much_fr
 
 
 def test_a_hard_ground_is_not_soft(tmp_path: Path) -> None:
-    search = searched(slid(tmp_path, ()))
+    search = in_short_windows(slid(tmp_path, ()))
     assert promising(search, search.windows, model_of(search.replay, (), (), search.every, search.settings)) is None
 
 
 @pytest.mark.slow
 def test_it_is_fitted_to_its_end_beside_what_other_looks_found(tmp_path: Path) -> None:
-    given = measured(slid(tmp_path, (SOFT,)))
-    length = longest(*given, DEFAULT, Workers(1), UNHURRIED)
-    settings = _for_windows(replace(DEFAULT, free=length.settings), length.windows.entries)
-    options = [one for one in hypotheses(*given[:3], DEFAULT) if one.kind.name in ("contact_compliance", "contact_friction", "ground_height")]
-    search = FreeSearch(length.windows, options, Workers(1), UNHURRIED, settings.replay, evidence=Evidence(length.windows, length.own, settings))
+    search = searched(slid(tmp_path, (SOFT,)), ("contact_compliance", "contact_friction", "ground_height"))
     assert search.is_smooth
     found = search.taken_in(search.first())
     assert [one.label for one in found.hypotheses] == ["contact_compliance:brick"]

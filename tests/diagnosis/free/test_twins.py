@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,12 +30,12 @@ def search(tossed: Tossed) -> FreeSearch:
     return searched(tossed((Gravity("world", (0.3, 0.0, -9.81)),), ground=None))
 
 
-def searched(folder: Path) -> FreeSearch:
-    """Of a brick in the air, by few hypotheses."""
+def searched(folder: Path, kinds: Sequence[str] = ("gravity", "com_offset", "inertia_scale")) -> FreeSearch:
+    """Of a brick, by few hypotheses."""
     given = measured(folder)
     length = longest(*given, DEFAULT, Workers(1), UNHURRIED)
     settings = _for_windows(replace(DEFAULT, free=length.settings), length.windows.entries)
-    few = [one for one in hypotheses(*given[:3], DEFAULT) if one.kind.name in ("gravity", "com_offset", "inertia_scale")]
+    few = [one for one in hypotheses(*given[:3], DEFAULT) if one.kind.name in kinds]
     evidence = Evidence(length.windows, length.own, settings)
     return FreeSearch(length.windows, few, Workers(1), UNHURRIED, settings.replay, evidence=evidence)
 
