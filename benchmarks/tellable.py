@@ -7,14 +7,15 @@
 A case has an *equal* where another effect in the place of one that is hidden predicts the recordings that may be read within a standard deviation of what the
 truth does, all windows together, or one in the place of two predicts as well: whoever chooses between two such errs in nearly a third of the cases, and in half
 of them where they are the same physics (a rotor, and the rotational inertia of a link that turns about one axis). Cases without an equal can be told. With the
-scores of a diagnoser, how many of either kind it named rightly.
+scores of a diagnoser, how many of either kind it named rightly, beside how many one would who knows everything and draws one of the equals of each effect.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -54,6 +55,7 @@ def main() -> None:
     named = set(scored["case"][scored["right"].astype(bool)])
     counts: Counter[tuple[str, bool]] = Counter()
     right: Counter[tuple[str, bool]] = Counter()
+    drawn: defaultdict[str, float] = defaultdict(float)
     for case in track(cases, "holding others against the truth", console=console):
         try:
             found = equals(case)
@@ -64,25 +66,32 @@ def main() -> None:
         counts[where] += 1
         right[where] += case.given.name in named
         if found:
-            console.print(f"{case.given.name}: {said(case.pairs)} has {len(found)} equals: {', '.join(found[:SHOWN])}{', ...' if found[SHOWN:] else ''}")
-    table = Table("hidden", "cases", "told by the recordings", "of these named rightly", "with an equal", "of these named rightly")
+            drawn[case.group] += chance(found)
+            shown = ", ".join(" <- ".join(one) for one in found[:SHOWN])
+            console.print(f"{case.given.name}: {said(case.pairs)} has {len(found)} equals: {shown}{', ...' if found[SHOWN:] else ''}")
+    table = Table("hidden", "cases", "told by the recordings", "of these named rightly", "with an equal", "of these named rightly", "by drawing from equals")
     for group in ("one effect", "two effects", "three effects"):
         told, equal = (group, True), (group, False)
-        table.add_row(group, *map(str, (counts[told] + counts[equal], counts[told], right[told], counts[equal], right[equal])))
+        table.add_row(group, *map(str, (counts[told] + counts[equal], counts[told], right[told], counts[equal], right[equal], f"{drawn[group]:.1f}")))
     console.print(table)
 
 
-def equals(case: Truth) -> list[str]:
-    """What may stand in the place of what is hidden, and no recording that may be read would tell, as `effect:target <- effect:target`."""
+def chance(found: Sequence[tuple[str, str]]) -> float:
+    """Of drawing what is hidden, where of each effect it or one of its equals is drawn."""
+    return math.prod(1 / (1 + count) for count in Counter(replaced for _, replaced in found).values())
+
+
+def equals(case: Truth) -> list[tuple[str, str]]:
+    """What may stand in the place of what is hidden, and no recording that may be read would tell, and what it takes the place of."""
     rig = read_rig(case.given / "rig.yaml")
     measured = parted(measurements(rig, read_recordings(case.recordings, rig), DEFAULT)).searched
     posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
     trials = Trials(posed, candidates(rig, posed.scales), nominal(posed), Workers(1), Clock(0.0, math.inf))
     truth = trials.add(as_it_is(posed, rig.joined((), *effects_of(case))))
     near = [one for one in twins(trials, truth) if one.distance < DEFAULT.choose.hardly_apart]
-    found = [f"{label(one.effects[-1:])} <- {label(one.replaced)}" for one in near]
+    found = [(label(one.effects[-1:]), label(one.replaced)) for one in near]
     fewer = merged(trials, truth)
-    return found if fewer is truth else [*found, f"{label(fewer.effects)} <- {label(truth.effects)}"]
+    return found if fewer is truth else [*found, (label(fewer.effects), label(truth.effects))]
 
 
 if __name__ == "__main__":
