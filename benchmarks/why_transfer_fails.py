@@ -3,6 +3,7 @@
     python benchmarks/why_transfer_fails.py severity --policies 'leaderboard/results/broken_hopper/*/*/standard/seed*/policy.safetensors'
     python benchmarks/why_transfer_fails.py groundings --seeds 3
     python benchmarks/why_transfer_fails.py planned --gains 0 --gains 0.1
+    python benchmarks/why_transfer_fails.py sources --method mpg --method mpge
     python benchmarks/why_transfer_fails.py plots
 
 Each study writes its figures to leaderboard/studies/ and its table into the page, between the marks that bear its name. Studies take minutes to hours of one
@@ -26,16 +27,21 @@ import typer
 from rich.progress import track
 from safetensors.numpy import load_file
 
-from mpge_bench import markdown
+from mpge_bench import markdown, policies
 from mpge_bench.baselines.agent import learn
 from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.grounding.transformation import LearntTransformation
 from mpge_bench.baselines.mpg import ground
 from mpge_bench.baselines.policy import PolicySet, single_policy
+from mpge_bench.baselines.problem import Problem
+from mpge_bench.baselines.progress import Silent
+from mpge_bench.baselines.registry import get_method
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import Task, get_task
 from mpge_bench.files import write_text
+from mpge_bench.harness.evaluate import policy_of
 from mpge_bench.harness.metrics import action_transformation_error
+from mpge_bench.harness.result import read_result
 from mpge_bench.harness.run import problem_of
 from mpge_bench.harness.settings import RunSettings
 
@@ -64,10 +70,10 @@ def _write(name: str, rows: list[dict[str, Any]], digits: int) -> None:
 
 
 @app.command()
-def severity(policies: Annotated[list[str], typer.Option(help="policy files, patterns relative to the checkout")], task: _TASK = "broken_hopper") -> None:
+def severity(files: Annotated[list[str], typer.Option("--policies", help="policy files, patterns")], task: _TASK = "broken_hopper") -> None:
     """(a) Returns of finished policies where the dead motor delivers a little: is the target a knife's edge?"""
     rows = []
-    for path in track(sorted({path for pattern in policies for path in ROOT.glob(pattern)}), "policies"):
+    for path in track(sorted({path for pattern in files for path in ROOT.glob(pattern)}), "policies"):
         policy = single_policy(load_file(path), get_task(task).robot.action_limit)
         found = {f"{gain:.0%}": returns(_at(task, gain).target, policy, 20).mean for gain in GAINS}
         rows.append({"policy": " ".join(path.parts[-5:-1]) if path.name == "policy.safetensors" else path.stem} | found)
@@ -143,6 +149,56 @@ def planned(task: _TASK = "broken_hopper", gains: Annotated[list[float], typer.O
         there, here = (returns(_at(task, one).target, policy).mean for one in (gain, 0.0))
         rows.append({"gain in the grounding": gain, "action error": error, "return in the grounding": round(there), "return in the target": round(here)})
         _write("planned", rows, 3)
+
+
+@app.command()
+def sources(
+    task: _TASK = "broken_hopper",
+    method: Annotated[list[str], typer.Option(help="may be given several times")] = ["mpg", "mpge"],  # noqa: B006
+    seeds: int = 3,
+    kept: Annotated[Path, typer.Option(help="where better source policies are kept")] = Path("runs/better_sources"),
+) -> None:
+    """(f) Methods with 1,000 target samples, with the shipped source policies (the leaderboard's runs) and with better ones, learnt on in the source."""
+    pair = get_task(task)
+    shipped = policies.load_set(pair, "source")
+    better = PolicySet([_improved(task, number, start, kept) for number, start in enumerate(track(shipped.weights, "better source policies"))], shipped.limit)
+    levels = {name: f"{name} ({returns(pair.source, known).mean:.0f} in the source)" for name, known in (("shipped", shipped), ("better", better))}
+    rows = []
+    for one, seed in track(list(itertools.product(method, range(seeds))), "methods"):
+        done = read_result(RunSettings(task, one, seed=seed).folder(ROOT / "leaderboard" / "results") / "result.json")
+        for name, found in (("shipped", _found(done)), ("better", _transferred(task, one, seed, better))):
+            rows.append({"source policies": levels[name], "method": one, "seed": seed} | found)
+            _write("sources", rows, 3)
+
+
+def _found(done: dict[str, Any]) -> dict[str, Any]:
+    """What stands in a result of the leaderboard, as `_transferred` says it."""
+    there, here = (round(done["returns"][name]["mean"]) for name in ("grounded", "policy"))
+    return {"action error": done["action_transformation_error"]["value"], "return in the grounding": there, "return in the target": here}
+
+
+def _improved(task: str, number: int, start: Any, kept: Path) -> Any:
+    """What source policy `number` learns further in the source, with the budget of an agent."""
+    settings = RunSettings(task, "perfect").effective().agent
+    return learn(get_task(task).source, settings, number, starts=[start], kept=kept / f"{task}_{number}").weights
+
+
+def _transferred(task: str, method: str, seed: int, known: PolicySet) -> dict[str, Any]:
+    """What a method comes to whose rollouts are by `known`, and whose agents start from these."""
+    settings = RunSettings(task, method, seed=seed)
+    chosen, pair, turn = settings.effective(), get_task(task), seed % len(known)
+    turned = PolicySet([*known.weights[turn:], *known.weights[:turn]], known.limit)
+    rollouts = PolicySet(turned.weights[: chosen.policies], known.limit)
+    problem = Problem(pair, rollouts, settings.samples, seed, sources=turned)
+    torch.manual_seed(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        result = get_method(method).train(problem, chosen, seed, progress=Silent(), log_dir=Path(folder), jobs=1)
+    policy = policy_of(method, result.policy, pair)
+    return {
+        "action error": action_transformation_error(pair, result.grounding),
+        "return in the grounding": round(returns(pair.source, policy, transformation=result.grounding).mean),
+        "return in the target": round(returns(pair.target, policy).mean),
+    }
 
 
 @app.command()
