@@ -11,6 +11,7 @@ from mpge_bench.diagnosis.fit.evidence import log_odds
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.predict.windows import WindowPredictor
+from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import CATALOGUE, Effect, effect_from_dict
 
 Array = npt.NDArray[np.float64]
@@ -95,8 +96,13 @@ def idle(problem: Problem, fitter: LinearFitter, effects: Sequence[Effect]) -> I
             yield effect
             continue
         weight, others = weighed(problem, predictor, effect, effects)
-        if weight < settings.slight and fitter.chi_square_of(others) < settings.decisive * fitter.chi_square_of(effects):
+        if weight < settings.slight and fitter.chi_square_of(others) < asked_of(weight, settings) * fitter.chi_square_of(effects):
             yield effect
+
+
+def asked_of(weight: float, settings: ChooseSettings) -> float:
+    """How many times as much must be missed without an effect of such a `weight` as with it: `decisive` of nothing, and less the nearer it is to `slight`."""
+    return 1 + (settings.decisive - 1) * max(0.0, 1 - weight / settings.slight)
 
 
 def weighed(problem: Problem, predictor: WindowPredictor, effect: Effect, effects: Sequence[Effect]) -> tuple[float, Sequence[Effect]]:

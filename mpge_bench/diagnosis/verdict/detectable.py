@@ -12,7 +12,7 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
-from mpge_bench.diagnosis.choose.score import weighed
+from mpge_bench.diagnosis.choose.score import asked_of, weighed
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.verdict.result import Detectable
@@ -115,7 +115,7 @@ def _with(basis: Array, columns: Sequence[Array]) -> Array:
 
 
 class _NearRule:
-    """Near the noise: significant among all candidates, material and, where it is slight, so much that the model without it misses `decisive` times as much."""
+    """Near the noise: significant among all candidates, material and, where it is slight, so much that the model without it misses what is asked of it."""
 
     def __init__(self, choice: Choice) -> None:
         settings, chosen = choice.problem.settings.choose, choice.chosen
@@ -125,7 +125,7 @@ class _NearRule:
         significant = (math.sqrt(stats.chi2.isf(settings.significance / len(choice.candidates), 1)) + beyond) ** 2
         material = settings.material if chosen.overall < settings.coarse else settings.coarse_material
         self._needed = max(significant, material * float(fitter.count.sum())) * max(scale, 1e-9)
-        self._decisive = settings.decisive * fitter.chi_square(chosen.fit.cost)
+        self._missed = fitter.chi_square(chosen.fit.cost)
         self._problem, self._effects, self._fitter, self._left = choice.problem, chosen.effects, fitter, chosen.fit.residuals
 
     def columns(self, candidate: Candidate) -> Array:
@@ -146,13 +146,14 @@ class _NearRule:
         found = _least(lambda share: self._shows(share * column), math.sqrt(self._needed / power))
         weight, _ = weighed(self._problem, self._fitter.predictor, start, self._problem.rig.joined(self._effects, start))
         heavy = self._problem.settings.choose.slight / weight if weight > 0 else math.inf
-        return found if found >= heavy else min(heavy, _least(lambda share: self._decides(share * column), found))
+        return found if found >= heavy else min(heavy, _least(lambda share: self._decides(share * column, share * weight), found))
 
     def _shows(self, change: Array) -> bool:
         return float((self._forgiven(change) ** 2).sum()) >= self._needed
 
-    def _decides(self, change: Array) -> bool:
-        return self._fitter.chi_square((self._forgiven(self._left + change) ** 2).sum(-1)) >= self._decisive
+    def _decides(self, change: Array, weight: float) -> bool:
+        missed = self._fitter.chi_square((self._forgiven(self._left + change) ** 2).sum(-1))
+        return missed >= asked_of(weight, self._problem.settings.choose) * self._missed
 
     def _forgiven(self, change: Array) -> Array:
         return self._fitter.nuisances.forgive(change, self._effects).residuals

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.score import gain, is_better, is_sharper, weighed
+from mpge_bench.diagnosis.choose import score
+from mpge_bench.diagnosis.choose.score import gain, idle, is_better, is_sharper, weighed
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.linear import Fit
@@ -64,6 +65,17 @@ def test_few_windows_are_enough_that_are_explained_whole() -> None:
     assert is_better(PROBLEM, model(few[0] * cost), model(cost))
     # A part of what is missed may be taken by chance.
     assert not is_better(PROBLEM, model(few[0] * cost), model(few[1] * cost))
+
+
+@pytest.mark.parametrize(
+    ("weight", "missed", "dropped"), [(0.0046, 1.48, False), (0.0046, 1.03, True), (0.0008, 1.4, True), (0.0, 1.55, False), (0.006, 1.0, False)]
+)
+def test_the_less_an_effect_changes_the_more_it_must_explain(weight: float, missed: float, dropped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link of 1.08 times its inertia, .46% of its joint's torque, was dropped, though without it 1.48 times as much was missed."""
+    effect, fitter = Armature("elbow", 0.1), SimpleNamespace(predictor=None, chi_square_of=lambda effects: 1.0 if effects else missed)
+    monkeypatch.setattr(score, "weighed", lambda *asked: (weight, []))
+    monkeypatch.setattr(score, "means_something", lambda *asked: True)
+    assert list(idle(PROBLEM, fitter, [effect])) == ([effect] if dropped else [])  # type: ignore[arg-type]
 
 
 def test_a_few_validation_windows_that_are_touched_need_gain_no_share_of_all() -> None:
