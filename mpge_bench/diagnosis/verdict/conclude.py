@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from mpge_bench.diagnosis.verdict.constancy import changes
 from mpge_bench.diagnosis.verdict.detectable import detectable
 from mpge_bench.diagnosis.verdict.enough import more_data
 from mpge_bench.diagnosis.verdict.evidence import Evidence
-from mpge_bench.diagnosis.verdict.held_out import is_whole, left_line, left_of
+from mpge_bench.diagnosis.verdict.held_out import is_nearer, is_whole, left_line, left_of
 from mpge_bench.diagnosis.verdict.intervals import found_effects, intervals, untold
 from mpge_bench.diagnosis.verdict.result import Accuracy, DiagnosisResult
 from mpge_bench.diagnosis.verdict.where import joint_evidence, laws, places
@@ -37,7 +38,7 @@ Array = npt.NDArray[np.float64]
 def conclude(choice: Choice, parts: Parts, clock: Clock) -> tuple[DiagnosisResult, tuple[Effect, ...]]:
     """The verdict on `choice`, with all that it rests on, and the effects that are reported."""
     error = exported_error(choice.problem, parts.unseen)
-    choice, taken_back = proven(choice, ExportedMisses(choice.problem, parts.unseen))
+    choice, taken_back = proven(choice, ExportedMisses(choice.problem, parts.unseen), partial(is_nearer, choice, parts))
     problem, chosen = choice.problem, choice.chosen
     settings = problem.settings
     after = rebase(problem.linear, chosen.effects, problem.sigma) if chosen.effects else problem.linear
@@ -95,15 +96,16 @@ def _quiet(choice: Choice, fit: Accuracy, parts: Parts) -> tuple[str, ...]:
     return quiet_lines(chance(choice.test), is_chance, fit, stepped(choice.problem, parts.unseen), is_there, settings.verdict)
 
 
-def proven(choice: Choice, misses: ExportedMisses) -> tuple[Choice, tuple[str, ...]]:
+def proven(choice: Choice, misses: ExportedMisses, is_nearer: Callable[[], bool]) -> tuple[Choice, tuple[str, ...]]:
     """`choice`, its answer taken back where it predicts what nobody has looked at clearly worse than the simulator without it; and a line that says so.
 
     Args:
         misses: of the held-out recordings.
+        is_nearer: whether their windows, wherever they began, leave no doubt of it: what recorded states are off by may by chance make up for what is wrong.
     """
     effects = choice.chosen.effects
     before, after = misses.in_a_row(()), misses.in_a_row(effects)
-    if before is None or (after is not None and not _is_clearly_worse(choice, misses, before, after)):
+    if before is None or (after is not None and (not _is_clearly_worse(choice, misses, before, after) or is_nearer())):
         return choice, ()
     errors = f"{math.inf if after is None else np.linalg.norm(after):.3g} against {np.linalg.norm(before):.3g}"
     line = f"{label(effects)} fits the other recordings, but predicts the held-out ones worse ({errors}), and is not reported."

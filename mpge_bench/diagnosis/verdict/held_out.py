@@ -2,26 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.score import is_doubtless
 from mpge_bench.diagnosis.data.parts import Parts
-from mpge_bench.diagnosis.fit.problem import Model, problem
+from mpge_bench.diagnosis.fit.problem import Model, Problem, problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DiagnosisSettings
+from mpge_bench.envs.effects import Effect
 
 
 def left_of(choice: Choice, parts: Parts) -> Model | None:
     """The answer, held against the held-out recordings as it is; None where these are too short for a window, or the simulation flies apart."""
-    posed, measured = choice.problem, replace(parts.searched, recordings=parts.unseen)
+    held = _posed(choice.problem, parts)
+    return None if held is None else _as_it_is(held, choice.chosen.effects)
+
+
+def is_nearer(choice: Choice, parts: Parts) -> bool:
+    """Whether the answer leaves nothing of the held-out windows, wherever they began, and these no doubt that the simulator without it leaves more."""
+    held = _posed(choice.problem, parts)
+    if held is None:
+        return False
+    with_it, without = (_as_it_is(held, effects) for effects in (choice.chosen.effects, ()))
+    return with_it is not None and is_whole(with_it, held.settings) and (without is None or is_doubtless(held, without, with_it))
+
+
+def _posed(posed: Problem, parts: Parts) -> Problem | None:
+    """The held-out recordings in windows, under the noise of those searched on; None where they are too short for one, or the simulation flies apart."""
+    measured = replace(parts.searched, recordings=parts.unseen)
     if min(len(one.time) for one in parts.unseen) <= posed.settings.predict.shortest_window:
         return None
     try:
         held = problem(measured, reference(posed.rig, measured.recordings, posed.settings), posed.horizon, posed.deadline)
-        return as_it_is(replace(held, sigma=posed.sigma), choice.chosen.effects)
+    except np.linalg.LinAlgError:
+        return None
+    return replace(held, sigma=posed.sigma)
+
+
+def _as_it_is(held: Problem, effects: Sequence[Effect]) -> Model | None:
+    try:
+        return as_it_is(held, effects)
     except np.linalg.LinAlgError:
         return None
 

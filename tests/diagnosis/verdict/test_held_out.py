@@ -15,7 +15,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.pipeline import diagnose
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.verdict.held_out import is_whole, left_line, left_of
+from mpge_bench.diagnosis.verdict.held_out import is_nearer, is_whole, left_line, left_of
 from mpge_bench.envs.effects import Effect, TorqueGain, ViscousFriction
 
 from ..conftest import asking, noisy, record
@@ -27,10 +27,21 @@ def recorded(rig: Rig, *effects: Effect, seed: int, seconds: float = 4.0) -> Rec
     return noisy(record(rig, effects, seconds=seconds, seed=seed), 2e-4, np.random.default_rng(seed))
 
 
-def left_beside(rig: Rig, searched: Sequence[Recording], unseen: Recording) -> Model | None:
+def held(rig: Rig, searched: Sequence[Recording], unseen: Recording) -> tuple[Any, Parts]:
+    """A choice that says `WEAK` of what it has searched, and the parts that recordings are in."""
     posed = asking(rig, searched)
-    choice: Any = SimpleNamespace(problem=posed, chosen=SimpleNamespace(effects=(WEAK,)))
-    return left_of(choice, Parts(posed.measurements, (unseen,), whole=True))
+    choice = SimpleNamespace(problem=posed, chosen=SimpleNamespace(effects=(WEAK,)))
+    return choice, Parts(posed.measurements, (unseen,), whole=True)
+
+
+def left_beside(rig: Rig, searched: Sequence[Recording], unseen: Recording) -> Model | None:
+    return left_of(*held(rig, searched, unseen))
+
+
+@pytest.mark.parametrize(("there", "nearer"), [((WEAK,), True), ((), False), ((WEAK, ViscousFriction("elbow", 0.1)), False)])
+def test_an_answer_is_nearer_where_held_out_windows_leave_nothing_and_no_doubt(rig: Rig, there: tuple[Effect, ...], nearer: bool) -> None:
+    assert is_nearer(*held(rig, [recorded(rig, WEAK, seed=seed) for seed in (0, 1)], recorded(rig, *there, seed=2))) is nearer
+    assert not is_nearer(*held(rig, [recorded(rig, WEAK, seed=0)], recorded(rig, seed=1, seconds=0.05)))
 
 
 @pytest.mark.parametrize(("more", "whole"), [((), True), ((ViscousFriction("elbow", 0.1),), False)])

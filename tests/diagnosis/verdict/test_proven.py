@@ -37,14 +37,19 @@ def test_what_predicts_unseen_recordings_worse_is_taken_back(rig: Rig) -> None:
     error, misses = exported_error(problem, unseen), ExportedMisses(problem, unseen)
     nominal = SimpleNamespace(effects=())
     right = choice_of(problem, nominal, SimpleNamespace(effects=(truth,)))
-    assert proven(right, misses) == (right, ())
+    assert proven(right, misses, doubtful) == (right, ())
     wrong = choice_of(problem, nominal, SimpleNamespace(effects=(truth, spring)))
-    kept, (line,) = proven(replace(wrong, twins=(Twin((Lag("elbow", 0.05),), (spring,), 1.0, 1.0),)), misses)
+    kept, (line,) = proven(replace(wrong, twins=(Twin((Lag("elbow", 0.05),), (spring,), 1.0, 1.0),)), misses, doubtful)
     assert kept.chosen is nominal
     # Nothing stands for what is not said: a verdict that still had the answer's twins ended in an error.
     assert not kept.twins
     assert "joint_spring:elbow" in line
     assert f"{error((truth, spring)):.3g} against {error(()):.3g}" in line
+
+
+def doubtful() -> bool:
+    """What windows say that begin wherever it suits them."""
+    return False
 
 
 def held(stretches: list[float], after: npt.NDArray[np.float64] | None) -> Any:
@@ -63,7 +68,7 @@ def test_what_unseen_recordings_do_not_show_is_kept(stretches: list[float], is_k
     """
     limit, nominal = TorqueLimit("elbow", 0.5), SimpleNamespace(effects=())
     choice = choice_of(SimpleNamespace(settings=DEFAULT), nominal, SimpleNamespace(effects=(limit,)))
-    kept, lines = proven(choice, held(stretches, np.array(stretches)))
+    kept, lines = proven(choice, held(stretches, np.array(stretches)), doubtful)
     assert (kept.chosen.effects, len(lines)) == (((limit,), 0) if is_kept else ((), 1))
 
 
@@ -75,13 +80,15 @@ def test_what_changes_unseen_predictions_by_much_has_to_help(helps: float, is_ke
     # A change of 1.08 times what is missed, of which a share helps.
     change = 1.08 * (helps * np.ones(8) + np.sqrt(1 - helps**2) * np.tile([1.0, -1.0], 4))
     after = np.ones(8) - change
-    kept, _ = proven(choice, held([1.0] * 8, after))
+    kept, _ = proven(choice, held([1.0] * 8, after), doubtful)
     assert (after @ after < 8) == (kept.chosen.effects == (limit,)) == is_kept
+    # A sensor that reads 1% too much went with an error of 4.0 for 2.7 mrad, though from the best starts all held-out windows fell to the noise.
+    assert proven(choice, held([1.0] * 8, after), lambda: True) == (choice, ())
 
 
 def test_what_makes_the_simulation_unstable_is_taken_back() -> None:
     choice = choice_of(SimpleNamespace(settings=DEFAULT), SimpleNamespace(effects=()), SimpleNamespace(effects=(TorqueLimit("elbow", 0.5),)))
-    kept, (line,) = proven(choice, held([1.0] * 8, None))
+    kept, (line,) = proven(choice, held([1.0] * 8, None), lambda: True)
     assert not kept.chosen.effects
     assert "(inf against" in line
 
