@@ -65,7 +65,7 @@ def summary(
             lines.append(f"There is a mismatch ({p}), and no physics of the catalogue explains it. It shows at: {place}.")
         else:
             near = ", the sensors' noise" if at_noise else f"; the sensors' noise would be {held.noise_floor:.2g}"
-            told = "falls from" if held.after < held.before else "hardly shows it, going from"
+            told = "falls from" if held.after < held.before else "does not show it, going from"
             lines.append(f"Held-out {horizon} prediction error {told} {held.before:.3g} to {held.after:.3g} {held.unit}{near}.")
         lines += [f"Not told by these recordings: {group[0]}." for group in lost if len(group) == 1]
         lines += [f"Not told by these recordings one by one: {', '.join(group)}." for group in lost if len(group) > 1]
