@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
+from mpge_bench.envs.effects.joint import Armature
 
 if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
@@ -548,11 +549,17 @@ class JointElasticity(Effect):
         rotor = plainer.rotor_inertia
         return [cls._swinging(hertz, rotor, scale) for hertz in (8.0, 16.0, 32.0, 64.0)] if rotor > 0 else []
 
+    def turned_into(self) -> Effect | None:
+        # Its motor creeps after the joint, or with it: that is a rotor.
+        creeps = self.damping**2 > 4 * self.stiffness * self.motor_inertia
+        return Armature(self.target, self.motor_inertia) if creeps else None
+
     @staticmethod
     def _swinging(hertz: float, inertia: float, scale: Scale) -> dict[str, Any]:
-        """With a motor of such an `inertia`, kg m², that swings against the joint at `hertz`."""
+        """With a motor of such an `inertia`, kg m², that swings against the joint at `hertz`, but not for long: what rings is soon out of step with what did,
+        and fits from there end where they can. With half of the critical damping one comes from 5 Hz to 50 and back."""
         rate, reduced = 2 * math.pi * hertz, inertia * scale.inertia / (inertia + scale.inertia)
-        return {"stiffness": reduced * rate**2, "damping": 0.1 * reduced * rate, "motor_inertia": inertia}
+        return {"stiffness": reduced * rate**2, "damping": reduced * rate, "motor_inertia": inertia}
 
     def is_plausible(self, scale: Scale) -> bool:
         return self.stiffness * scale.angle > 0.1 * scale.torque and self.motor_inertia > 1e-3 * scale.inertia

@@ -436,6 +436,10 @@ class Effect:
         """The same where `plainer`, which it contains, was fitted already: what that found is not to be sought anew."""
         return []
 
+    def turned_into(self) -> Effect | None:
+        """The plainer effect that a fit has made of it, where what else it says changes nothing any more and no fit comes out; None if there is none."""
+        return None
+
     @classmethod
     def holding(cls, torque: float) -> list[dict[str, Any]]:
         """The same where its joint stands still though `torque`, N m, would move it; none if it holds nothing fast."""

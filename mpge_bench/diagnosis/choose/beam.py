@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.choose.everywhere import everywhere
 from mpge_bench.diagnosis.choose.formulas import lone_formula
 from mpge_bench.diagnosis.choose.held import held
 from mpge_bench.diagnosis.choose.pairs import pairs
-from mpge_bench.diagnosis.choose.richer import try_richer_friction
+from mpge_bench.diagnosis.choose.richer import begun_again, try_richer_friction
 from mpge_bench.diagnosis.choose.score import idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
@@ -76,6 +76,7 @@ def _follow(trials: Trials, grown: Beam, begun: float) -> None:
     """Grow further what the first round has `grown`, which `begun` then, s of the monotonic clock, as long as that helps and something is left."""
     settings = trials.settings
     for depth in range(1, settings.most + 1):
+        grown = _by_levels(trials, [*begun_again(trials, *grown[0]), *grown]) if grown else []
         if not grown or _is_elsewhere([model for model, _ in grown], trials.problem.settings):
             break
         beam = _followed_up(trials, grown)
@@ -172,6 +173,11 @@ def _added(trials: Trials, pairs: Beam) -> Beam:
         pairs[0] = trials.converged(*pairs[0])
     for model, _ in pairs:
         trials.add(model)
+    return _by_levels(trials, pairs)
+
+
+def _by_levels(trials: Trials, pairs: Beam) -> Beam:
+    """`pairs`, the one that predicts what models are chosen by best first."""
     levels = trials.levels([model for model, _ in pairs])
     return [pairs[place] for place in np.argsort(levels, kind="stable")]
 

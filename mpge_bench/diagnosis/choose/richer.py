@@ -10,7 +10,7 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import screen
-from mpge_bench.diagnosis.hypotheses.candidates import key
+from mpge_bench.diagnosis.hypotheses.candidates import key, label
 from mpge_bench.envs.effects import Effect
 
 
@@ -20,6 +20,21 @@ def try_richer_friction(trials: Trials, model: Model, fitter: LinearFitter) -> N
     known = trials.known()
     begun = _begun(trials, model, [one for one in model.effects if one.rubs])
     _fitted(trials, model, fitter, [effects for effects in begun if key(effects) not in known], 1)
+
+
+def begun_again(trials: Trials, model: Model, fitter: LinearFitter) -> list[tuple[Model, LinearFitter]]:
+    """`model` with an effect that fits have turned into a plainer one as it begins beyond that, fitted: a drive that is damped until it creeps is a rotor.
+
+    What else is missed leads there, and when that is found nothing leads back.
+    """
+    begun = []
+    for one in trials.candidates:
+        for effect in model.effects:
+            plain = effect.turned_into() if one.label == label([effect]) else None
+            if plain:
+                others = [other for other in model.effects if other is not effect]
+                begun += [[*others, start] for start in one.beyond([plain], trials.problem.scale(effect.target)).starts]
+    return _fitted(trials, model, fitter, begun, trials.settings.richer) if begun and not trials.cut_short("trying richer effects") else []
 
 
 def richer(trials: Trials, chosen: Model) -> Model:
@@ -34,7 +49,8 @@ def richer(trials: Trials, chosen: Model) -> Model:
     left = screen(fitter, containing, chosen.fit, draws=problem.settings.fit.draws_left)
     if left.odds < trials.settings.doubtless and trials.is_clean(chosen):
         return chosen
-    found = [one for one in _fitted(trials, chosen, fitter, _begun(trials, chosen, chosen.effects), trials.settings.richer) if trials.is_better(chosen, one)]
+    followed = _fitted(trials, chosen, fitter, _begun(trials, chosen, chosen.effects), trials.settings.richer)
+    found = [one for one, _ in followed if trials.is_better(chosen, one)]
     # Of fits that leave as little of what they are fitted to, as from drives of two stiffnesses, the others tell.
     return found[int(np.argmin(trials.levels(found)))] if found else chosen
 
@@ -45,8 +61,11 @@ def _begun(trials: Trials, model: Model, contained: Sequence[Effect]) -> list[li
     return [[*others, start] for others, one in steps for start in one.starts]
 
 
-def _fitted(trials: Trials, model: Model, fitter: LinearFitter, begun: Sequence[Sequence[Effect]], most: int) -> list[Model]:
+def _fitted(trials: Trials, model: Model, fitter: LinearFitter, begun: Sequence[Sequence[Effect]], most: int) -> list[tuple[Model, LinearFitter]]:
     """The nearest of the sets of effects that are `begun`, `most` of them, fitted to the end; without those that are far off `model`."""
     drafts = sorted(trials.refined(fitter, [fitter.at(effects) for effects in begun]), key=lambda one: one.overall)
     followed = trials.polished([one.effects for one in drafts[:most] if one.overall < trials.settings.hopeless[1] * model.overall])
-    return [trials.add(trials.converged(*one)[0]) for one in followed]
+    ended = [trials.converged(*one) for one in followed]
+    for one, _ in ended:
+        trials.add(one)
+    return ended
