@@ -1281,3 +1281,9 @@ def test_compliance_is_a_spring_at_a_point_of_contact(brick_and_ball: tuple[Mode
 def test_ground_that_is_not_there_cannot_be_moved(brick_and_ball: tuple[Model, Model]) -> None:
     with pytest.raises(UserError, match="moves the ground, and there is none"):
         World(brick_and_ball[0], timestep=STEP, effects=[GroundHeight("world", 0.1)])
+
+
+def test_a_drive_that_creeps_is_a_rotor_and_nothing_else_turns_into_anything() -> None:
+    assert JointElasticity("elbow", 17.0, 2.24, 0.0047).turned_into() == Armature("elbow", 0.0047)
+    assert JointElasticity("elbow", 10.5, 0.0255, 0.0046).turned_into() is None
+    assert Backlash("elbow", 0.01, 0.0046).turned_into() is None
