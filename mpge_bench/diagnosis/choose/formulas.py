@@ -39,10 +39,10 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
 
 
 def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
-    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles, or of all, one of which it contains.
+    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles, or of all, one of which it resembles or contains.
 
     These may leave nothing to be explained by anything beside them, though they are not what there is: a motor that grows weaker delivers less on the average,
-    too, and a friction that goes with the position was a plain one and a force.
+    too, a friction that goes with the position was a plain one and a force, and a spring between two joints one of a joint with three links' geometry.
 
     Args:
         seconds: that one takes about.
@@ -51,15 +51,15 @@ def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
         laws = [one for one in trials.formulas if one.target == effect.target]
         others = tuple(one for one in chosen.effects if one is not effect)
         alike = [one for one in laws if effect.name in one.kind.resembles]
-        richer = [one for one in laws if one.contains(effect)] if others else []
-        for beside, some in ((others, alike), ((), richer)):
+        richer = [one for one in laws if one.contains(effect)]
+        for beside, some in ((others, alike), ((), [*alike, *richer] if others else [])):
             if some and effect in chosen.effects and not trials.cut_short("formulas", seconds):
                 chosen = _law_beside(trials, chosen, beside, some)
     return chosen
 
 
 def _law_beside(trials: Trials, chosen: Model, others: tuple[Effect, ...], laws: Sequence[Candidate]) -> Model:
-    """`chosen` or, where windows leave no doubt, the nearest of `laws` beside the `others` of its effects."""
+    """`chosen` or, where windows leave no doubt, the nearest of `laws` beside those of the `others` of its effects that are still needed."""
     try:
         base = as_it_is(trials.problem, others) if others else trials.nominal
     except np.linalg.LinAlgError:
@@ -71,7 +71,7 @@ def _law_beside(trials: Trials, chosen: Model, others: tuple[Effect, ...], laws:
         law = trials.add(trials.converged(model, end)[0])
         # From recorded states, whose noise is most of the error, less than this is chance.
         if is_told(law) and is_doubtless(trials.problem, chosen, law) and trials.no_worse(law, chosen, within=trials.settings.material):
-            return law
+            return needed(trials, law)
     return chosen
 
 

@@ -226,15 +226,24 @@ def test_where_none_does_there_is_none(rig: Rig, hidden: tuple[Effect, ...]) -> 
     assert lone_formula(sought(rig, *hidden)) is None
 
 
-NAMED = (CoulombFriction("elbow", 0.3), JointSpring("elbow", 0.5, 0.1))
+RUBS = (CoulombFriction("elbow", 0.3), JointSpring("elbow", 0.5, 0.1))
+SPRINGS = (JointSpring("elbow", 1.5, 0.1), JointSpring("shoulder", 1.5, -0.1))
 
 
-@pytest.mark.parametrize(("hidden", "found"), [((SlopedFriction("elbow", 0.3, 0.15),), {"sloped_friction"}), (NAMED, {"coulomb_friction", "joint_spring"})])
+@pytest.mark.parametrize(
+    ("named", "hidden", "found"),
+    [
+        (RUBS, (SlopedFriction("elbow", 0.3, 0.15),), {"sloped_friction"}),
+        (RUBS, RUBS, {"coulomb_friction", "joint_spring"}),
+        (SPRINGS, (CouplingSpring("elbow", "shoulder", 1.5),), {"coupling_spring"}),
+        (SPRINGS, SPRINGS, {"joint_spring"}),
+    ],
+)
 def test_one_formula_stands_in_the_place_of_two_names_where_windows_leave_no_doubt(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch, hidden: tuple[Effect, ...], found: set[str]
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, named: tuple[Effect, ...], hidden: tuple[Effect, ...], found: set[str]
 ) -> None:
     """A friction that goes with the position was a plain one and a force, which left nothing that formulas are sought for, and explained less."""
     trials = sought(rig, *hidden)
     monkeypatch.setattr(trials, "is_clean", lambda model: True)
-    chosen = trials.add(polished(trials.problem, NAMED)[0])
+    chosen = trials.add(polished(trials.problem, named)[0])
     assert {effect.name for effect in with_formulas(trials, chosen).effects} == found
