@@ -75,6 +75,7 @@ class ComOffset(OfModel):
     name = "com_offset"
     title = "Centre of mass offset"
     sentence = "The {target}'s centre of mass lies off by {x}, {y}, {z}."
+    is_no_reading = True  # a sensor's offset turns it about the joint, and does not move it along the link
     adds = True
     on = "link"
     parameters = {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}

@@ -227,6 +227,8 @@ class Effect:
     contains: ClassVar[tuple[str, ...]] = ()
     #: Plainer effects that it does not contain but may be mistaken for.
     resembles: ClassVar[tuple[str, ...]] = ()
+    #: True of several numbers that do what a sensor's one does by coincidence alone: where that predicts as well it is what is there.
+    is_no_reading: ClassVar[bool] = False
     #: What would tell it from other effects that look like it on some recordings, by their names. An experiment stands in one of the two.
     told_apart: ClassVar[dict[str, str]] = {}
     #: True where its torque is a curve over one signal, the one it goes by, that can be drawn.

@@ -27,7 +27,7 @@ from mpge_bench.envs.effects.vector import parameters_of
 Array = npt.NDArray[np.float64]
 
 #: What effects are compared by where nothing else tells them apart.
-Plainness = tuple[bool, int, int, int, bool]
+Plainness = tuple[int, int, int, int, bool]
 #: Share of a length below which nothing but rounding is left.
 _ROUNDING = 1e-6
 #: What is said to be cut short where time is up.
@@ -208,8 +208,13 @@ def plainest(trials: Trials, chosen: Model) -> Model:
     Or one that is less plain, but likelier.
     """
     near = [one for one in twins(trials, chosen) if one.distance < trials.settings.apart]
-    plainer = [one for one in near if plainness(one.effects[-1]) < min(map(plainness, one.replaced))]
-    found = _first_as_good(trials, chosen, sorted(plainer, key=lambda one: plainness(one.effects[-1])), _PLAINEST)
+    read = {effect for one in near for effect in one.replaced if any(other.on == "sensor" for other in (one.effects[-1], *one.replaced))}
+
+    def order(twin: Twin, effect: Effect) -> Plainness:
+        return plainness(effect, is_read=not read.isdisjoint(twin.replaced))
+
+    plainer = [one for one in near if order(one, one.effects[-1]) < min(order(one, effect) for effect in one.replaced)]
+    found = _first_as_good(trials, chosen, sorted(plainer, key=lambda one: order(one, one.effects[-1])), _PLAINEST)
     found = found or _likelier(trials, chosen, [one for one in near if one not in plainer and one.distance > trials.settings.hardly_apart])
     return without_idle(trials, found) if found else chosen
 
@@ -270,13 +275,17 @@ def _is_as_good(trials: Trials, chosen: Model, model: Model, twin: Twin) -> bool
     return not trials.is_better(model, chosen)
 
 
-def plainness(effect: Effect) -> Plainness:
+def plainness(effect: Effect, *, is_read: bool = False) -> Plainness:
     """Less of plainer effects: sensors are blamed last, few numbers come before many, a joint's own physics before bodies' and the world's.
 
     What is still equal goes by the catalogue's order, and what acts on one thing comes before what acts on all.
+
+    Args:
+        is_read: whether a sensor's effect predicts as well: then that comes before what would do so by coincidence alone.
     """
     names, kinds = list(CATALOGUE), ("joint", "pair", "link", "world", "sensor")
-    return effect.on == "sensor", len(parameters_of(effect)), kinds.index(effect.on), names.index(effect.name), effect.target == "*"
+    blamed = 2 if is_read and effect.is_no_reading else int(effect.on == "sensor")
+    return blamed, len(parameters_of(effect)), kinds.index(effect.on), names.index(effect.name), effect.target == "*"
 
 
 def remainder(own: Array, columns: Array, *, one_sided: bool = False) -> float:

@@ -158,7 +158,7 @@ def test_what_validation_windows_hardly_show_is_found_where_it_leaves_nothing(
     assert with_formulas(trials, stand_in) is (law if is_found else stand_in)
 
 
-@pytest.mark.parametrize(("amplitude", "is_found"), [(0.001, False), (0.05, True)])
+@pytest.mark.parametrize(("amplitude", "is_found"), [(0.0005, False), (0.05, True)])
 def test_a_formula_that_does_next_to_nothing_is_none(rig: Rig, monkeypatch: pytest.MonkeyPatch, amplitude: float, is_found: bool) -> None:
     """A pole 3.5% lighter, which named effects that do so little are not taken for, was called a wave of a quarter of a percent of the torque."""
     trials = sought(rig, PeriodicTorque("elbow", amplitude, 3.0, 0.2))

@@ -52,6 +52,15 @@ def test_the_plainer_of_two_equals() -> None:
     assert plainness(Gravity("world", (1.0, 0.0, -9.7))) < plainness(SensorBias("hinge", 0.1))
 
 
+@pytest.mark.parametrize("hidden", [SensorBias("elbow", 0.03), ComOffset("lower", 0.01, 0.0, 0.02)])
+def test_a_centre_of_mass_that_is_where_an_offset_would_have_it_is_the_offset(rig: Rig, hidden: Effect) -> None:
+    """Six offsets of concealed cases were centres of mass, of three numbers, since sensors are blamed last; no centre of mass does what an offset does."""
+    trials = searching(posed(rig, hidden, seconds=4.0, noise=1e-3))
+    chosen = trials.add(trials.to_the_end([ComOffset("lower", 0.01, 0.0, 0.01)]))
+    assert plainest(trials, chosen).key == key([hidden])
+    assert plainest(trials, trials.add(trials.to_the_end([hidden]))).key == key([hidden])
+
+
 @pytest.mark.parametrize("hidden", [Lag("elbow", 0.01), Delay("elbow", 0.01)])
 def test_of_what_is_hardly_told_apart_the_likelier_is_chosen_be_it_less_plain(rig: Rig, hidden: Effect) -> None:
     """A lag was called a delay, which misses .8% more by 3.7 standard errors, since no gain of less than 1% counted."""
