@@ -57,6 +57,7 @@ class JointOrigin(_OfGeometry):
 
     name = "joint_origin"
     sentence = "The {target} sits off by {x}, {y}, {z} in the frame of the link that carries it."
+    is_no_reading = True
     contains = ("link_length",)
     parameters = {axis: Parameter("m", -10.0, 10.0) for axis in "xyz"}
 

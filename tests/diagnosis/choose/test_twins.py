@@ -54,7 +54,7 @@ def test_the_plainer_of_two_equals() -> None:
 
 @pytest.mark.parametrize("hidden", [SensorBias("elbow", 0.03), ComOffset("lower", 0.01, 0.0, 0.02)])
 def test_a_centre_of_mass_that_is_where_an_offset_would_have_it_is_the_offset(rig: Rig, hidden: Effect) -> None:
-    """Six offsets of concealed cases were centres of mass, of three numbers, since sensors are blamed last; no centre of mass does what an offset does."""
+    """Five offsets of concealed cases were centres of mass, of three numbers, since sensors are blamed last; no centre of mass does what an offset does."""
     trials = searching(posed(rig, hidden, seconds=4.0, noise=1e-3))
     chosen = trials.add(trials.to_the_end([ComOffset("lower", 0.01, 0.0, 0.01)]))
     assert plainest(trials, chosen).key == key([hidden])
