@@ -71,7 +71,7 @@ def test_an_answer_that_does_nothing_is_none(trials: Trials) -> None:
     near = [Twin((Delay("elbow", 0.0),), rotor.effects, 0.0, 0.0)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(twins_module, "twins", lambda *_: near)
-        patch.setattr(twins_module, "plainness", lambda effect: (effect.name != "delay",))
+        patch.setattr(twins_module, "plainness", lambda effect, **_: (effect.name != "delay",))
         assert plainest(trials, rotor) is trials.nominal
 
 
