@@ -42,7 +42,7 @@ from mpge_bench.files import write_text
 from mpge_bench.harness.evaluate import policy_of
 from mpge_bench.harness.metrics import action_transformation_error
 from mpge_bench.harness.result import read_result
-from mpge_bench.harness.run import problem_of
+from mpge_bench.harness.run import problem_of, rotated
 from mpge_bench.harness.settings import RunSettings
 
 ROOT = Path(__file__).parents[1]
@@ -172,9 +172,13 @@ def sources(
 
 
 def _found(done: dict[str, Any]) -> dict[str, Any]:
-    """What stands in a result of the leaderboard, as `_transferred` says it."""
-    there, here = (round(done["returns"][name]["mean"]) for name in ("grounded", "policy"))
-    return {"action error": done["action_transformation_error"]["value"], "return in the grounding": there, "return in the target": here}
+    """What stands in a result of the leaderboard."""
+    return _came_to(done["action_transformation_error"]["value"], *(done["returns"][name]["mean"] for name in ("grounded", "policy")))
+
+
+def _came_to(error: float, there: float, here: float) -> dict[str, Any]:
+    """A method's action error, and its agent's returns in the grounding and in the target, as the table has them."""
+    return {"action error": error, "return in the grounding": round(there), "return in the target": round(here)}
 
 
 def _improved(task: str, number: int, start: Any, kept: Path) -> Any:
@@ -186,19 +190,15 @@ def _improved(task: str, number: int, start: Any, kept: Path) -> Any:
 def _transferred(task: str, method: str, seed: int, known: PolicySet) -> dict[str, Any]:
     """What a method comes to whose rollouts are by `known`, and whose agents start from these."""
     settings = RunSettings(task, method, seed=seed)
-    chosen, pair, turn = settings.effective(), get_task(task), seed % len(known)
-    turned = PolicySet([*known.weights[turn:], *known.weights[:turn]], known.limit)
+    chosen, pair, turned = settings.effective(), get_task(task), rotated(known, seed)
     rollouts = PolicySet(turned.weights[: chosen.policies], known.limit)
     problem = Problem(pair, rollouts, settings.samples, seed, sources=turned)
     torch.manual_seed(seed)
     with tempfile.TemporaryDirectory() as folder:
         result = get_method(method).train(problem, chosen, seed, progress=Silent(), log_dir=Path(folder), jobs=1)
     policy = policy_of(method, result.policy, pair)
-    return {
-        "action error": action_transformation_error(pair, result.grounding),
-        "return in the grounding": round(returns(pair.source, policy, transformation=result.grounding).mean),
-        "return in the target": round(returns(pair.target, policy).mean),
-    }
+    there, here = returns(pair.source, policy, transformation=result.grounding), returns(pair.target, policy)
+    return _came_to(action_transformation_error(pair, result.grounding), there.mean, here.mean)
 
 
 @app.command()

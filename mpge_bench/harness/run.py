@@ -182,18 +182,19 @@ def problem_of(settings: RunSettings, chosen: Any, folder: Path = policies.FOLDE
     """
     task = get_task(settings.task)
     kind = "er" if getattr(chosen, "rollouts", "ms") == "er" else get_method(settings.method).policies
-    known = _rotated(policies.load_set(task, kind, folder), settings.seed)
+    known = rotated(policies.load_set(task, kind, folder), settings.seed)
     count = getattr(chosen, "policies", len(known))
     if not 1 <= count <= len(known):
         raise UserError(f"setting policies is {count}; there are {len(known)} {kind} policies of {task.name}")
-    sources = _rotated(policies.load_set(task, "source", folder), settings.seed)
+    sources = rotated(policies.load_set(task, "source", folder), settings.seed)
     problem = Problem(task, PolicySet(known.weights[:count], known.limit), settings.samples, settings.seed, settings.noise, sources)
     if get_method(settings.method).at_target:
         problem.source = task.target
     return problem
 
 
-def _rotated(known: PolicySet, seed: int) -> PolicySet:
+def rotated(known: PolicySet, seed: int) -> PolicySet:
+    """`known` with number seed mod K of its K policies first."""
     turn = seed % len(known)
     return PolicySet([*known.weights[turn:], *known.weights[:turn]], known.limit)
 

@@ -27,13 +27,12 @@ def begun_again(trials: Trials, model: Model, fitter: LinearFitter) -> list[tupl
 
     What else is missed leads there, and when that is found nothing leads back.
     """
-    begun = []
-    for one in trials.candidates:
-        for effect in model.effects:
-            plain = effect.turned_into() if one.label == label([effect]) else None
-            if plain:
-                others = [other for other in model.effects if other is not effect]
-                begun += [[*others, start] for start in one.beyond([plain], trials.problem.scale(effect.target)).starts]
+    begun, known = [], {one.label: one for one in trials.candidates}
+    for effect in model.effects:
+        plain, one = effect.turned_into(), known.get(label([effect]))
+        if plain and one:
+            others = [other for other in model.effects if other is not effect]
+            begun += [[*others, start] for start in one.beyond([plain], trials.problem.scale(effect.target)).starts]
     return _fitted(trials, model, fitter, begun, trials.settings.richer) if begun and not trials.cut_short("trying richer effects") else []
 
 

@@ -200,8 +200,8 @@ class Trials:
         if self.no_worse(rich, simple, within=least):
             return True
         # What alone explains all is better though more is lost where it starts from recorded states: those of a motor's side nobody records.
-        swings = any(effect.swings for effect in rich.effects if not key([effect]) <= simple.key)
-        if self.explains(rich) and (swings or not self.explains(simple)) and is_doubtless(self.problem, simple, rich):
+        new = (effect for effect in rich.effects if not key([effect]) <= simple.key)
+        if self.explains(rich) and (not self.explains(simple) or any(effect.swings for effect in new)) and is_doubtless(self.problem, simple, rich):
             return True
         return not self.loses(rich, simple) and gain(simple, rich, np.ones_like(self.problem.validation))[0] >= least
 
