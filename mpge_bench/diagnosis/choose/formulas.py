@@ -39,22 +39,21 @@ def with_formulas(trials: Trials, chosen: Model) -> Model:
 
 
 def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
-    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect that it resembles, or of all, one of which it resembles or contains.
+    """`chosen` or, where windows leave no doubt, a formula in the place of a named effect of its joint, or of all that is named.
 
     These may leave nothing to be explained by anything beside them, though they are not what there is: a motor that grows weaker delivers less on the average,
-    too, a friction that goes with the position was a plain one and a force, and a spring between two joints one of a joint with three links' geometry.
+    too, and has a dead zone, a friction that goes with the position was a plain one and a force, and a spring between two joints one of a joint with three
+    links' geometry.
 
     Args:
         seconds: that one takes about.
     """
-    for effect in chosen.effects:
+    for effect in [one for one in chosen.effects if not one.is_formula]:
         laws = [one for one in trials.formulas if one.target == effect.target]
         others = tuple(one for one in chosen.effects if one is not effect)
-        alike = [one for one in laws if effect.name in one.kind.resembles]
-        richer = [one for one in laws if one.contains(effect)]
-        for beside, some in ((others, alike), ((), [*alike, *richer] if others else [])):
-            if some and effect in chosen.effects and not trials.cut_short("formulas", seconds):
-                chosen = _law_beside(trials, chosen, beside, some)
+        for beside in dict.fromkeys((others, ())):
+            if laws and effect in chosen.effects and not trials.cut_short("formulas", seconds):
+                chosen = _law_beside(trials, chosen, beside, laws)
     return chosen
 
 

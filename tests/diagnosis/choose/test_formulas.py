@@ -24,6 +24,7 @@ from mpge_bench.envs.effects import (
     CouplingDamping,
     CouplingSpring,
     CubicSpring,
+    DeadZone,
     DriftingGain,
     Effect,
     JointSpring,
@@ -125,11 +126,15 @@ def test_where_nothing_is_left_no_formula_is_looked_for(rig: Rig, named: tuple[E
             (TorqueGain("elbow", 0.98), Armature("shoulder", 0.02)),
             {"drifting_gain:elbow", "armature:shoulder"},
         ),
+        # As a dead zone it delivers less, too.
+        ((DriftingGain("elbow", -0.008),), (DeadZone("elbow", 0.02),), {"drifting_gain:elbow"}),
+        ((OscillatingTorque("elbow", 0.02, 5.0, 0.3),), (ViscousFriction("elbow", 0.01),), {"oscillating_torque:elbow"}),
         ((TorqueGain("elbow", 0.98),), (TorqueGain("elbow", 0.98),), {"torque_gain:elbow"}),
+        ((DeadZone("elbow", 0.02),), (DeadZone("elbow", 0.02),), {"dead_zone:elbow"}),
         ((JointSpring("elbow", 0.1),), (JointSpring("elbow", 0.1),), {"joint_spring:elbow"}),
     ],
 )
-def test_a_formula_takes_the_place_of_what_it_resembles_only_where_there_is_no_doubt(
+def test_a_formula_takes_the_place_of_a_name_only_where_there_is_no_doubt(
     rig: Rig, monkeypatch: pytest.MonkeyPatch, hidden: tuple[Effect, ...], named: tuple[Effect, ...], key: set[str]
 ) -> None:
     monkeypatch.setattr(Trials, "is_clean", lambda trials, model: True)
