@@ -205,18 +205,30 @@ class _Columns:
 def plainest(trials: Trials, chosen: Model) -> Model:
     """Of `chosen` and the models that these recordings cannot tell from it without a doubt, the plainest that is as likely; of no effect that does nothing.
 
-    Or one that is less plain, but likelier.
+    Or one that is less plain, but likelier. One effect after another: beside what was taken for a rotor a centre of mass stayed that was a sensor's offset.
     """
-    near = [one for one in twins(trials, chosen) if one.distance < trials.settings.apart]
+    placed: set[str] = set()
+    for _ in chosen.effects:
+        near = [one for one in twins(trials, chosen) if one.distance < trials.settings.apart and placed.isdisjoint(key(one.replaced))]
+        plainer = _plainer(near)
+        found = _first_as_good(trials, chosen, plainer, _PLAINEST)
+        likelier = None if found else _likelier(trials, chosen, [one for one in near if one not in plainer and one.distance > trials.settings.hardly_apart])
+        if found is None:
+            return without_idle(trials, likelier) if likelier else chosen
+        placed |= found.key - chosen.key
+        chosen = without_idle(trials, found)
+    return chosen
+
+
+def _plainer(near: Sequence[Twin]) -> list[Twin]:
+    """Those of models alike that have a plainer effect than what it replaces, the plainest first: a sensor's in the place of what reads like it by chance."""
     read = {effect for one in near for effect in one.replaced if any(other.on == "sensor" for other in (one.effects[-1], *one.replaced))}
 
     def order(twin: Twin, effect: Effect) -> Plainness:
         return plainness(effect, is_read=not read.isdisjoint(twin.replaced))
 
     plainer = [one for one in near if order(one, one.effects[-1]) < min(order(one, effect) for effect in one.replaced)]
-    found = _first_as_good(trials, chosen, sorted(plainer, key=lambda one: order(one, one.effects[-1])), _PLAINEST)
-    found = found or _likelier(trials, chosen, [one for one in near if one not in plainer and one.distance > trials.settings.hardly_apart])
-    return without_idle(trials, found) if found else chosen
+    return sorted(plainer, key=lambda one: (one.effects[-1].on != "sensor", order(one, one.effects[-1])))
 
 
 def _likelier(trials: Trials, chosen: Model, near: Sequence[Twin]) -> Model | None:
@@ -271,7 +283,8 @@ def _is_as_good(trials: Trials, chosen: Model, model: Model, twin: Twin) -> bool
     Of the same physics by what both were fitted to: on other windows they differ by where fits stopped.
     """
     if twin.distance < trials.settings.same:
-        return model.train <= (1 + trials.settings.material) * chosen.train
+        fitted = ~trials.problem.validation
+        return model.level_beside(chosen, fitted) <= (1 + trials.settings.material) * chosen.level_beside(model, fitted)
     return not trials.is_better(model, chosen)
 
 

@@ -61,6 +61,13 @@ def test_a_centre_of_mass_that_is_where_an_offset_would_have_it_is_the_offset(ri
     assert plainest(trials, trials.add(trials.to_the_end([hidden]))).key == key([hidden])
 
 
+def test_one_after_another_what_is_plainer_takes_its_place(rig: Rig) -> None:
+    """Beside a rotor that was a link's inertia a centre of mass stayed that was a sensor's offset, since one of two had its plainer equal."""
+    trials = searching(posed(rig, Armature("shoulder", 0.02), SensorBias("elbow", 0.03), seconds=4.0, noise=1e-3))
+    chosen = trials.add(trials.to_the_end([InertiaScale("upper", 1.2), ComOffset("lower", 0.01, 0.0, 0.01)]))
+    assert plainest(trials, chosen).key == {"armature:shoulder", "sensor_bias:elbow"}
+
+
 @pytest.mark.parametrize("hidden", [Lag("elbow", 0.01), Delay("elbow", 0.01)])
 def test_of_what_is_hardly_told_apart_the_likelier_is_chosen_be_it_less_plain(rig: Rig, hidden: Effect) -> None:
     """A lag was called a delay, which misses .8% more by 3.7 standard errors, since no gain of less than 1% counted."""
