@@ -91,10 +91,17 @@ def lone_formula(trials: Trials) -> Model | None:
     settings = trials.settings
     if trials.cut_short("formulas"):
         return None
-    best = min(_fits(trials, trials.nominal, trials.fitter, settings.lone, trials.formulas), key=lambda one: trials.fitter.chi_square(one.cost), default=None)
+    fits = _fits(trials, trials.nominal, trials.fitter, settings.lone, trials.formulas)
     # In the linearised simulator, along the recorded motion: an unpolished fit may lead the simulator itself far astray.
-    if best is None or trials.fitter.chi_square(best.cost) > settings.coarse:
+    best = min(fits, key=lambda one: trials.fitter.chi_square(one.cost), default=None)
+    if best is None:
         return None
+    if trials.fitter.chi_square(best.cost) > settings.coarse:
+        # Where a joint sticks and slips that simulator is no guide.
+        draft = min(trials.refined(trials.fitter, fits), key=lambda one: one.overall)
+        if draft.overall > settings.coarse:
+            return None
+        best = draft.fit
     model = trials.to_the_end(best.effects)
     return trials.add(model) if model.overall < settings.coarse and is_told(model) else None
 
