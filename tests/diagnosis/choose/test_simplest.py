@@ -134,6 +134,18 @@ def test_an_effect_that_may_as_well_not_be_there_needs_evidence_that_leaves_no_d
         assert needed(trials, unsure).key == (unsure if doubtless else less).key
 
 
+def test_what_may_be_absent_goes_though_no_fit_without_it_comes_as_near(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motor .9 ms late, of which nothing was told, stayed beside the friction of a base that sticks in every window: fits without it ended anywhere."""
+    monkeypatch.setattr(simplest_module, "idle", lambda *given: iter(()))
+    monkeypatch.setattr(trials, "polished", lambda sets: [])
+    rotor, brake = Armature("elbow", 0.02), ViscousFriction("shoulder", 1e-9)
+    both = as_it_is(trials.problem, (rotor, brake))
+    unsure = replace(both, standard_errors=np.array([1.0, 1e-12]))
+    assert unsure.doubted == (rotor,)
+    assert needed(trials, unsure) is unsure
+    assert needed(trials, both).effects == (rotor,)
+
+
 def test_what_time_was_up_to_leave_out_is_left_out_at_once_where_nothing_is_lost(trials: Trials) -> None:
     """Beside a formula that was right each of an arm's seven joints had a dry friction of 1e-12 N m, an offset and a rotor that were not told."""
     rotor, nothing = Armature("elbow", 0.02), [CoulombFriction("elbow", 1e-9), CoulombFriction("shoulder", 1e-9), ViscousFriction("shoulder", 1e-9)]
