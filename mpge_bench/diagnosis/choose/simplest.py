@@ -71,8 +71,11 @@ def needed(trials: Trials, chosen: Model) -> Model:
 def _without_doubted(trials: Trials, chosen: Model) -> Model:
     """`chosen` without each effect that may be absent, the others as they are, where windows are missed no more so: a fit of these alone may end elsewhere.
 
-    As that of a base's friction did which sticks in every window, so that a late motor stayed beside it of which nothing was told.
+    As that of a base's friction did which sticks in every window, so that a late motor stayed beside it of which nothing was told. Far from the noise nearly
+    all may be absent, by such intervals.
     """
+    if trials.are_far([chosen]):
+        return chosen
     for effect in chosen.doubted:
         if len(chosen.effects) < 2 or trials.cut_short("leaving out what is needless"):
             break
@@ -89,7 +92,7 @@ def _as_it_is_without(trials: Trials, chosen: Model, needless: Sequence[Effect])
         less = trials.add(as_it_is(trials.problem, kept))
     except np.linalg.LinAlgError:
         return None
-    return None if _beats(trials, less, chosen) else less
+    return None if trials.is_better(less, chosen) else less
 
 
 def _beats(trials: Trials, less: Model, chosen: Model) -> bool:

@@ -143,6 +143,10 @@ def test_what_may_be_absent_goes_though_no_fit_without_it_comes_as_near(trials: 
     unsure = replace(both, standard_errors=np.array([1.0, 1e-12]))
     assert unsure.doubted == (rotor,)
     assert needed(trials, unsure) is unsure
+    # Of a servo whose gains and friction make up for each other, far from the noise, its offset went by this.
+    with monkeypatch.context() as far:
+        far.setattr(trials, "are_far", lambda models: True)
+        assert needed(trials, both) is both
     assert needed(trials, both).effects == (rotor,)
 
 
