@@ -79,20 +79,20 @@ def _without_doubted(trials: Trials, chosen: Model) -> Model:
     for effect in chosen.doubted:
         if len(chosen.effects) < 2 or trials.cut_short("leaving out what is needless"):
             break
-        chosen = _as_it_is_without(trials, chosen, [effect]) or chosen
+        less = _as_it_is_without(trials, chosen, [effect])
+        chosen = less if less and not _beats(trials, less, chosen) else chosen
     return chosen
 
 
 def _as_it_is_without(trials: Trials, chosen: Model, needless: Sequence[Effect]) -> Model | None:
-    """`chosen` without `needless` effects, the others as they are; None where none is left, or all are, or windows are missed the more so."""
+    """`chosen` without `needless` effects, the others as they are; None where none is left, or all are, or these lead astray."""
     kept = [effect for effect in chosen.effects if effect not in needless]
     if not kept or len(kept) == len(chosen.effects):
         return None
     try:
-        less = trials.add(as_it_is(trials.problem, kept))
+        return trials.add(as_it_is(trials.problem, kept))
     except np.linalg.LinAlgError:
         return None
-    return None if trials.is_better(less, chosen) else less
 
 
 def _beats(trials: Trials, less: Model, chosen: Model) -> bool:
@@ -130,10 +130,11 @@ def acting(trials: Trials, chosen: Model) -> Model:
     """
     if not trials.cut or len(chosen.effects) < 2 or is_past(trials.clock.end):
         return chosen
-    less = _as_it_is_without(trials, chosen, chosen.doubted)
-    if less is None and not is_past(trials.clock.end):
-        less = _as_it_is_without(trials, chosen, list(idle(trials.problem, trials.problem.fitter(chosen.effects), chosen.effects)))
-    return less or chosen
+    for needless in (lambda: chosen.doubted, lambda: list(idle(trials.problem, trials.problem.fitter(chosen.effects), chosen.effects))):
+        less = None if is_past(trials.clock.end) else _as_it_is_without(trials, chosen, needless())
+        if less and not trials.is_better(less, chosen):
+            return less
+    return chosen
 
 
 def _near(trials: Trials, chosen: Model) -> float:

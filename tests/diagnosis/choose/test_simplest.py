@@ -138,15 +138,15 @@ def test_what_may_be_absent_goes_though_no_fit_without_it_comes_as_near(trials: 
     """A motor .9 ms late, of which nothing was told, stayed beside the friction of a base that sticks in every window: fits without it ended anywhere."""
     monkeypatch.setattr(simplest_module, "idle", lambda *given: iter(()))
     monkeypatch.setattr(trials, "polished", lambda sets: [])
-    rotor, brake = Armature("elbow", 0.02), ViscousFriction("shoulder", 1e-9)
+    rotor, brake = Armature("elbow", 0.02), CoulombFriction("shoulder", 1e-9)
     both = as_it_is(trials.problem, (rotor, brake))
-    unsure = replace(both, standard_errors=np.array([1.0, 1e-12]))
-    assert unsure.doubted == (rotor,)
-    assert needed(trials, unsure) is unsure
     # Of a servo whose gains and friction make up for each other, far from the noise, its offset went by this.
     with monkeypatch.context() as far:
         far.setattr(trials, "are_far", lambda models: True)
         assert needed(trials, both) is both
+    unsure = replace(both, standard_errors=np.array([1.0, 1e-12]))
+    assert unsure.doubted == (rotor,)
+    assert needed(trials, unsure) is unsure
     assert needed(trials, both).effects == (rotor,)
 
 
