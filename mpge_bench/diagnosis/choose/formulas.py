@@ -43,12 +43,12 @@ def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
 
     These may leave nothing to be explained by anything beside them, though they are not what there is: a motor that grows weaker delivers less on the average,
     too, and has a dead zone, a friction that goes with the position was a plain one and a force, and a spring between two joints one of a joint with three
-    links' geometry. Where much more than the noise is left anyway windows tell nothing of the kind.
+    links' geometry. Far from the noise windows tell nothing of the kind.
 
     Args:
         seconds: that one takes about.
     """
-    if chosen.overall >= trials.settings.coarse:
+    if not trials.is_clean(chosen) and trials.are_far([chosen]):
         return chosen
     for effect in [one for one in chosen.effects if not one.is_formula]:
         laws = [one for one in trials.formulas if one.target == effect.target]

@@ -141,6 +141,17 @@ def test_a_formula_takes_the_place_of_a_name_only_where_there_is_no_doubt(
     assert described(rig, hidden, named).key == key
 
 
+def test_far_from_the_noise_a_name_is_held_against_no_formula(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    trials = sought(rig, DriftingGain("elbow", -0.008))
+    chosen = trials.add(polished(trials.problem, (TorqueGain("elbow", 0.98),))[0])
+    monkeypatch.setattr(formulas, "_richer", lambda trials, chosen: None)
+    monkeypatch.setattr(trials, "is_clean", lambda model: False)
+    monkeypatch.setattr(trials, "are_far", lambda models: True)
+    assert with_formulas(trials, chosen) is chosen
+    monkeypatch.setattr(trials, "are_far", lambda models: False)
+    assert with_formulas(trials, chosen).key == {"drifting_gain:elbow"}
+
+
 def test_without_time_named_physics_is_the_answer(rig: Rig) -> None:
     assert described(rig, (PeriodicTorque("elbow", 0.4, 8.0, 0.7),), deadline=0.0).effects == ()
 
