@@ -48,14 +48,17 @@ def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
     Args:
         seconds: that one takes about.
     """
-    if not trials.is_clean(chosen) and trials.are_far([chosen]):
+    if trials.are_far([chosen]):
         return chosen
+    tried: set[str] = set()
     for effect in [one for one in chosen.effects if not one.is_formula]:
         laws = [one for one in trials.formulas if one.target == effect.target]
         others = tuple(one for one in chosen.effects if one is not effect)
-        for beside in dict.fromkeys((others, ())):
+        # What may stand for all that is named is the same for each effect of a joint.
+        for beside in (others, ()) if others and effect.target not in tried else (others,):
             if laws and effect in chosen.effects and not trials.cut_short("formulas", seconds):
                 chosen = _law_beside(trials, chosen, beside, laws)
+        tried.add(effect.target)
     return chosen
 
 

@@ -263,5 +263,6 @@ def test_one_formula_stands_in_the_place_of_two_names_where_windows_leave_no_dou
     """A friction that goes with the position was a plain one and a force, which left nothing that formulas are sought for, and explained less."""
     trials = sought(rig, *hidden)
     monkeypatch.setattr(trials, "is_clean", lambda model: True)
+    monkeypatch.setattr(trials, "are_far", lambda models: False)
     chosen = trials.add(polished(trials.problem, named)[0])
     assert {effect.name for effect in with_formulas(trials, chosen).effects} == found
