@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from mpge_bench.baselines.policy import PolicySet
 from mpge_bench.envs import RobotEnv
-from mpge_bench.envs.world import disconnect_dropped
+from mpge_bench.envs.engine import disconnect_dropped
 
 Array = npt.NDArray[Any]
 

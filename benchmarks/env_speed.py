@@ -82,7 +82,7 @@ def raw_loop(robot: Any, actions: Any) -> Callable[[], float]:
     import numpy as np
     import pybullet as bullet
 
-    from mpge_bench.envs.model import ROTOR_RATIO
+    from mpge_bench.envs.rotors import ROTOR_RATIO
 
     world = robot.world()
     client, body, joints, moving = world._client, world._body, world._q_index, world._state_index

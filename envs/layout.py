@@ -7,10 +7,14 @@ whose last axis is the coordinates.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+from mpge_bench.envs.errors import UserError
 
 Array = npt.NDArray[np.float64]
 
@@ -99,3 +103,25 @@ def _times(left: Array, right: Array) -> Array:
     (a, b, c, d), (x, y, z, w) = np.moveaxis(left, -1, 0), np.moveaxis(right, -1, 0)
     product = (d * x + w * a + b * z - c * y, d * y + w * b + c * x - a * z, d * z + w * c + a * y - b * x, d * w - (a * x + b * y + c * z))
     return np.stack(product, -1)
+
+
+def checked_state(
+    q: Array | Sequence[float], dq: Array | Sequence[float], q_shape: tuple[int, ...], dq_shape: tuple[int, ...], *, floating: bool
+) -> tuple[Array, Array]:
+    """Copies of the coordinates `q` and velocities `dq` that `set_state` is given, a floating base's quaternion scaled to unit length.
+
+    Raises:
+        UserError: if a length is wrong, a value is not finite or a quaternion is 0.
+    """
+    q, dq = np.array(q, float), np.array(dq, float)
+    if q.shape != q_shape or dq.shape != dq_shape:
+        raise UserError(f"set_state takes q of shape {q_shape} and dq of shape {dq_shape}; got {q.shape} and {dq.shape}")
+    # A sum is finite only if all it adds up are; that of a robot's coordinates does not overflow.
+    if not math.isfinite(sum(q.tolist()) + sum(dq.tolist())):
+        raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
+    if floating:
+        length = float(np.linalg.norm(q[3:BASE_Q]))
+        if not length > 0:
+            raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
+        q[3:BASE_Q] /= length
+    return q, dq

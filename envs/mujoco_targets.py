@@ -25,9 +25,8 @@ import gymnasium
 import numpy as np
 
 from mpge_bench.envs.errors import UserError
-from mpge_bench.envs.layout import BASE_DQ, BASE_Q
+from mpge_bench.envs.layout import BASE_DQ, BASE_Q, checked_state
 from mpge_bench.envs.physics import Array
-from mpge_bench.envs.world import checked_state
 
 #: MuJoCo's x, y, z, then w, x, y, z as ours: x, y, z, then x, y, z, w; and back.
 _OURS, _THEIRS = [0, 1, 2, 4, 5, 6, 3], [0, 1, 2, 6, 3, 4, 5]

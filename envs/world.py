@@ -2,63 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import math
-import weakref
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.envs.articulation import Articulation, Loop
 from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
-from mpge_bench.envs.engine import BULLET_DATA, bullet, kills, link_names, load_urdf
+from mpge_bench.envs.engine import bullet
 from mpge_bench.envs.errors import UserError
-from mpge_bench.envs.layout import BASE_DQ, BASE_Q, Layout
-from mpge_bench.envs.model import Ground, Model, rotor_of
-from mpge_bench.envs.picture import Image, picture, visible
+from mpge_bench.envs.ground import Ground, lay_ground, let_bounce
+from mpge_bench.envs.layout import BASE_DQ, BASE_Q, checked_state
+from mpge_bench.envs.model import Model
+from mpge_bench.envs.picture import Image, picture
 
 Array = npt.NDArray[np.float64]
-_GROUND = Path(__file__).parent / "robots" / "models" / "ground.urdf"
 
 
-def checked_state(
-    q: Array | Sequence[float], dq: Array | Sequence[float], q_shape: tuple[int, ...], dq_shape: tuple[int, ...], *, floating: bool
-) -> tuple[Array, Array]:
-    """Copies of the coordinates `q` and velocities `dq` that `set_state` is given, a floating base's quaternion scaled to unit length.
-
-    Raises:
-        UserError: if a length is wrong, a value is not finite or a quaternion is 0.
-    """
-    q, dq = np.array(q, float), np.array(dq, float)
-    if q.shape != q_shape or dq.shape != dq_shape:
-        raise UserError(f"set_state takes q of shape {q_shape} and dq of shape {dq_shape}; got {q.shape} and {dq.shape}")
-    # A sum is finite only if all it adds up are; that of a robot's coordinates does not overflow.
-    if not math.isfinite(sum(q.tolist()) + sum(dq.tolist())):
-        raise UserError(f"set_state takes finite values; got q = {q.tolist()}, dq = {dq.tolist()}")
-    if floating:
-        length = float(np.linalg.norm(q[3:BASE_Q]))
-        if not length > 0:
-            raise UserError("set_state takes a quaternion x, y, z, w at q[3:7] that is not all 0, such as 0, 0, 0, 1 for upright")
-        q[3:BASE_Q] /= length
-    return q, dq
-
-
-@dataclass(frozen=True)
-class Loop:
-    """A ball joint that closes a kinematic loop: `point`, m, in the frame of `link` stays at `other_point` in the frame of `other_link`."""
-
-    link: str
-    point: tuple[float, float, float]
-    other_link: str
-    other_point: tuple[float, float, float]
-
-
-class World:
+class World(Articulation):
     """A robot in a PyBullet world of its own, its joints read and driven in the order of the model file.
 
     The generalized coordinates q and velocities dq are the whole state: of a robot on a fixed base one a joint (m, rad; m/s, rad/s); of a floating one
@@ -106,28 +71,17 @@ class World:
     ) -> None:
         self.timestep, self.substeps = timestep, substeps
         self._rubbed = False
-        self._client = _empty_client()
-        weakref.finalize(self, _dropped.append, self._client)
         model = model.copy() if isinstance(model, Model) else Model(model)
-        self.floating = model.floating
-        self._change(model, armature or {}, effects)
-        wheels = model.take_flywheels() if model.flywheels else None
-        self._body = self._load(visible(model.text()) if seen else model.text(), model)
-        # Bullet lets no joint be faster than 100 rad/s. The robots with `armature` keep this bound: their published results are with it.
-        self._index(model, bounded=bool(armature) and not self.floating)
-        #: Where each joint is driven: the body, its joints, and their places among `joints`; the flywheel's, if it has one.
-        self._drives = [(self._body, self._q_index, list(range(len(self.joints))))]
-        self._flywheels: list[int] = []
-        if wheels is not None:
-            self._add_flywheels(wheels, model)
-        for loop in loops:
-            self._close(loop)
+        #: Those that were given, and the model's own.
+        self.effects = self._change(model, armature or {}, effects)
+        # The robots with `armature` keep Bullet's bound on speeds: their published results are with it.
+        super().__init__(model, bounded=bool(armature) and not model.floating, loops=loops, seen=seen)
         if friction is not None:
-            self._lay_ground(model.ground, friction, seen=seen)
+            lay_ground(model.ground, friction, self._client, seen=seen)
         elif model.ground != Ground():
             raise UserError("an effect moves the ground, and there is none here; take the effect out")
         if bouncing or model.bounces():
-            self._let_bounce()
+            let_bounce(self._body, self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]
@@ -137,8 +91,8 @@ class World:
         self._take_up(self.effects)
         self._begin()
 
-    def _change(self, model: Model, armature: Mapping[str, float], effects: Sequence[Effect]) -> None:
-        """Give `model` its rotors, and let the effects change it."""
+    def _change(self, model: Model, armature: Mapping[str, float], effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Give `model` its rotors, and let the effects, which are returned with the model's own, change it."""
         for name, inertia in armature.items():
             model.add_rotor(name, inertia, carried=not model.floating)
         for name, inertia in model.armature.items():
@@ -148,65 +102,15 @@ class World:
             *(JointSpring(joint, *spring) for joint, spring in model.springs.items()),
             *(CoulombFriction(joint, torque) for joint, torque in model.frictions().items()),
         )
-        #: Those that were given, and the model's own.
-        self.effects = (*effects, *self._own)
-        #: Movable joints in the order of q and dq.
-        self.joints = model.joints
-        #: Where base and joints stand in q and dq.
-        self.layout = Layout(len(self.joints), self.floating)
-        self._check_targets(self.effects)
-        for effect in self.effects:
+        effects = (*effects, *self._own)
+        _check_targets(effects, model.joints)
+        for effect in effects:
             try:
                 effect.install(model)
             except UserError as error:
                 raise UserError(f"effect {effect.name}: {error}") from error
         model.free_base()
-
-    def _index(self, model: Model, *, bounded: bool) -> None:
-        """Find links, joints and rotors in the loaded body, let go of the joints and gear the rotors to them.
-
-        Args:
-            bounded: whether Bullet's bound on the joints' speed stays.
-        """
-        indices = {}
-        for index in range(bullet.getNumJoints(self._body, physicsClientId=self._client)):
-            info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
-            indices[info[1].decode()] = (index, info[12].decode())
-            self._let_fly(self._body, index, bounded=bounded)
-        rotors = {name: indices.pop(rotor_of(name))[0] for name in model.rotors}
-        self._links = {link: index for index, link in indices.values() if self._mass(index) > 0}
-        if self.floating:
-            self._let_fly(self._body, -1)
-            self._links = {link_names(self._body, self._client)[-1]: -1, **self._links}
-        #: Links that have mass.
-        self.links = tuple(self._links)
-        self._q_index = [indices[name][0] for name in self.joints]
-        self._state_index = self._q_index + list(rotors.values())
-        self._rotor_of = [(self.joints.index(name), ratio) for name, ratio in model.rotors.items()]
-        self._let_go(self._body, self._state_index)
-        for (name, ratio), rotor in zip(model.rotors.items(), rotors.values(), strict=True):
-            self._gear(self._body, rotor, indices[name][0], -ratio)
-
-    def _let_fly(self, body: int, index: int, *, bounded: bool = False) -> None:
-        """Take Bullet's default drag of 4% a second, which is no part of any robot here, and, but where it is to stay, its bound on speeds off a link."""
-        bullet.changeDynamics(body, index, linearDamping=0, angularDamping=0, physicsClientId=self._client)
-        if not bounded:
-            bullet.changeDynamics(body, index, maxJointVelocity=1e6, physicsClientId=self._client)
-
-    def _add_flywheels(self, wheels: bytes, model: Model) -> None:
-        """Load the `wheels`, gear each to its joint and drive the joint through it."""
-        self._wheel_body = self._load(wheels, model, fixed=True)
-        self._flywheels = [self.joints.index(name) for name in model.flywheels]
-        self._wheels = list(range(len(self._flywheels)))
-        self._geared = [self._q_index[joint] for joint in self._flywheels]
-        self._let_go(self._wheel_body, self._wheels)
-        for wheel, joint in zip(self._wheels, self._flywheels, strict=True):
-            self._let_fly(self._wheel_body, wheel)
-            self._gear(self._wheel_body, wheel, self._q_index[joint], -1.0)
-        plain = [joint for joint in range(len(self.joints)) if joint not in self._flywheels]
-        self._drives = [(self._wheel_body, self._wheels, self._flywheels)]
-        if plain:
-            self._drives.append((self._body, [self._q_index[joint] for joint in plain], plain))
+        return effects
 
     def _begin(self) -> None:
         """Take the snapshot from which every state is set, and go to the first."""
@@ -214,10 +118,6 @@ class World:
         bullet.performCollisionDetection(physicsClientId=self._client)
         self._snapshot: int = bullet.saveState(physicsClientId=self._client)
         self.q, self.dq = self._zero()
-        if self.floating:
-            #: Centre of mass of the base, whose motion PyBullet tells, in the frame of the base link, whose motion q and dq tell.
-            _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, -1, physicsClientId=self._client)
-            self._base_centre = None if place == (0.0, 0.0, 0.0) and turn == (0.0, 0.0, 0.0, 1.0) else (place, turn)
         self.set_state(self.q, self.dq)
         self._tell_inertias()
 
@@ -234,7 +134,7 @@ class World:
         effects = (*effects, *self._own)
         if [one for one in effects if one.alters_model] != [one for one in self.effects if one.alters_model]:
             raise ValueError("effects that alter the model need a world of their own")
-        self._check_targets(effects)
+        _check_targets(effects, self.joints)
         self.effects = effects
         self._take_up(effects)
         self.set_state(*self._zero())
@@ -244,11 +144,6 @@ class World:
         """q and dq of the robot at rest at the origin."""
         base = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] if self.floating else []
         return np.array(base + [0.0] * len(self.joints)), np.zeros(BASE_DQ * self.floating + len(self.joints))
-
-    def _check_targets(self, effects: Sequence[Effect]) -> None:
-        for effect in effects:
-            if effect.on in ("joint", "sensor") and effect.target not in self.joints:
-                raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(self.joints)}")
 
     def _take_up(self, effects: Sequence[Effect]) -> None:
         """Let `effects` do between command and joint, and between joint and reading, what they do."""
@@ -287,69 +182,6 @@ class World:
     def _tell_inertias(self) -> None:
         for hidden, joint in self._remembering:
             hidden.inertia = self._inertia_of(joint)
-
-    def _load(self, text: bytes, model: Model, *, fixed: bool = False) -> int:
-        for mesh in {Path(shape.attrib["filename"]) for shape in model.meshes()}:
-            if mesh.suffix.lower() == ".dae" and mesh.is_file() and kills(mesh, mesh.stat().st_mtime_ns):
-                raise UserError(f"{mesh}: PyBullet dies of this COLLADA file; give a whole one, or the shape as .obj or .stl")
-        try:
-            return load_urdf(text, self._client, fixed=fixed or not model.floating, flags=bullet.URDF_USE_INERTIA_FROM_FILE)
-        except bullet.error as error:
-            raise UserError(f"{model.path}: PyBullet cannot load this model ({error}); check links, joints and inertias") from error
-
-    def _let_go(self, body: int, joints: list[int]) -> None:
-        """Take away the motor that Bullet gives every joint."""
-        bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=self._client)
-
-    def _gear(self, rotor_body: int, rotor: int, joint: int, ratio: float) -> None:
-        axis, none = [0, 1, 0], [0, 0, 0]
-        gear = bullet.createConstraint(rotor_body, rotor, self._body, joint, bullet.JOINT_GEAR, axis, none, none, physicsClientId=self._client)
-        bullet.changeConstraint(gear, gearRatio=ratio, maxForce=1e6, physicsClientId=self._client)
-
-    def _lay_ground(self, ground: Ground, friction: float, *, seen: bool) -> None:
-        place, client = [0.0, 0.0, ground.height], self._client
-        turn = bullet.getQuaternionFromEuler([*ground.tilt, 0.0])
-        if seen:
-            body = bullet.loadURDF(str(BULLET_DATA / "plane100.urdf"), place, turn, physicsClientId=client)
-        else:
-            # Five times as fast as createMultiBody, which fills megabytes for a body without links.
-            body = bullet.loadURDF(str(_GROUND), place, turn, physicsClientId=client)
-        # Bullet multiplies the restitution of both: how much there is is the link's to say, which has none by default.
-        bullet.changeDynamics(body, -1, lateralFriction=friction, restitution=1.0, physicsClientId=client)
-
-    def _let_bounce(self) -> None:
-        client = self._client
-        for link in range(-1, bullet.getNumJoints(self._body, physicsClientId=client)):
-            bullet.changeDynamics(self._body, link, contactProcessingThreshold=0.0, physicsClientId=client)
-            # Half of what is taken back of a penetration at the most, since it is anything up to that.
-            coefficient = float(bullet.getDynamicsInfo(self._body, link, physicsClientId=client)[5]) - _BOUNCING_ERP / 2
-            if coefficient > 0:
-                bullet.changeDynamics(self._body, link, restitution=coefficient, physicsClientId=client)
-        bullet.setPhysicsEngineParameter(contactERP=_BOUNCING_ERP, physicsClientId=client)
-
-    def _close(self, loop: Loop) -> None:
-        ends = []
-        for link, point in ((loop.link, loop.point), (loop.other_link, loop.other_point)):
-            if link not in self._links:
-                raise UserError(f"a loop is to be closed at link {link!r}, which the model has not; it has {', '.join(self.links)}")
-            _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, self._links[link], physicsClientId=self._client)
-            along = np.reshape(bullet.getMatrixFromQuaternion(turn), (3, 3)).T @ (np.array(point) - place)
-            ends.append((self._links[link], along.tolist()))
-        (one, here), (other, there) = ends
-        bullet.createConstraint(self._body, one, self._body, other, bullet.JOINT_POINT2POINT, [0, 0, 0], here, there, physicsClientId=self._client)
-
-    def _mass(self, index: int) -> float:
-        return float(bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)[0])
-
-    def _centre(self, index: int) -> list[float]:
-        """Centre of mass of a link, from the origin of the link's frame but along the principal axes of inertia: so PyBullet's Jacobians take points."""
-        _, _, _, place, turn, *_ = bullet.getDynamicsInfo(self._body, index, physicsClientId=self._client)
-        along = np.reshape(bullet.getMatrixFromQuaternion(turn), (3, 3)).T @ place
-        return [float(value) for value in along]
-
-    def mass_of(self, link: str) -> float:
-        """Mass of `link`, kg."""
-        return self._mass(self._links[link])
 
     def set_state(self, q: Array | Sequence[float], dq: Array | Sequence[float]) -> None:
         """Put the robot at generalized coordinates `q` and velocities `dq`, shapes (joints,), of a floating base (7 + joints,) and (6 + joints,).
@@ -406,9 +238,6 @@ class World:
             self._put(self._wheel_body, self._wheels, angles, [one[1] + faster[joint] for one, joint in zip(found, self._flywheels, strict=True)])
         self.q, self.dq = q, dq
         self._angles, self._speeds = q[layout.nq - len(self.joints) :], dq[base:]
-
-    def _put(self, body: int, joints: list[int], angles: Sequence[float], speeds: Sequence[float]) -> None:
-        bullet.resetJointStatesMultiDof(body, joints, [[one] for one in angles], [[one] for one in speeds], physicsClientId=self._client)
 
     def step(self, command: Sequence[float]) -> None:
         """Advance one control step (`substeps` physics steps) under joint torques `command`, N m or N, held throughout; then read q and dq.
@@ -479,18 +308,6 @@ class World:
             effect.sense(q[:, first[0] :], dq[:, first[1] :], joint, self.timestep * self.substeps)
         return q[-1], dq[-1]
 
-    def mass_matrix(self, q: Sequence[float] | Array) -> Array:
-        """Generalized inertia of a robot on a fixed base at `q`, rotors included, kg m², shape (joints, joints)."""
-        matrix = np.array(bullet.calculateMassMatrix(self._body, self._dofs(q, 0.0), physicsClientId=self._client))
-        own = [self._dof_of[index] for index in self._q_index]
-        result = matrix[np.ix_(own, own)]
-        for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
-            dof = self._dof_of[rotor]
-            result[joint, :] += ratio * matrix[dof, own]
-            result[:, joint] += ratio * matrix[own, dof]
-            result[joint, joint] += ratio**2 * matrix[dof, dof]
-        return result
-
     def inverse_dynamics(self, q: Sequence[float] | Array, dq: Sequence[float] | Array, ddq: Sequence[float] | Array) -> Array:
         """Joint torques, N m, shape (joints,), that give acceleration `ddq` at (`q`, `dq`) without effects on single joints and the model's damping.
 
@@ -505,20 +322,6 @@ class World:
         for tie, joint, other in self._ties:
             tie.pull(result, q, dq, joint, other, -1.0)
         return result
-
-    def _dofs(self, values: Sequence[float] | Array, of_rotors: float = 1.0) -> list[float]:
-        """Joint values as PyBullet's dynamics functions take them: every movable joint, rotors too, by index."""
-        result = [0.0] * len(self._state_index)
-        for index, value in zip(self._q_index, values, strict=True):
-            result[self._dof_of[index]] = float(value)
-        if of_rotors:
-            for (joint, ratio), rotor in zip(self._rotor_of, self._state_index[len(self._q_index) :], strict=True):
-                result[self._dof_of[rotor]] = ratio * float(values[joint])
-        return result
-
-    @functools.cached_property
-    def _dof_of(self) -> dict[int, int]:
-        return {index: dof for dof, index in enumerate(sorted(self._state_index))}
 
     def _pushed(self, q: Sequence[float] | Array) -> Array:
         """Joint torques of the constant forces at `q`."""
@@ -592,26 +395,6 @@ class World:
             self._angles, self._speeds = np.array(self._angles), np.array(self._speeds)
             self.q, self.dq = self._angles, self._speeds
 
-    def _base(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Place (7 values) and velocity (6) of the base link's frame."""
-        place, turn = bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
-        speed, spin = bullet.getBaseVelocity(self._body, physicsClientId=self._client)
-        if self._base_centre is None:
-            return (*place, *turn), (*speed, *spin)
-        back = bullet.invertTransform(*self._base_centre)
-        origin, turn = bullet.multiplyTransforms(place, turn, *back)
-        speed = np.array(speed) + np.cross(spin, np.subtract(origin, place))
-        return (*origin, *turn), (*speed, *spin)
-
-    def _put_base(self, place: Array, speed: Array) -> None:
-        origin, turn, velocity, spin = place[:3].tolist(), place[3:].tolist(), speed[:3].tolist(), speed[3:].tolist()
-        if self._base_centre is not None:
-            centre, turn = bullet.multiplyTransforms(origin, turn, *self._base_centre)
-            velocity = (np.array(velocity) + np.cross(spin, np.subtract(centre, origin))).tolist()
-            origin = centre
-        bullet.resetBasePositionAndOrientation(self._body, origin, turn, physicsClientId=self._client)
-        bullet.resetBaseVelocity(self._body, velocity, spin, physicsClientId=self._client)
-
     def _push(self) -> None:
         """Let the constant forces act on a floating robot in the next physics step."""
         for link, _, force in self._forces:
@@ -635,63 +418,17 @@ class World:
             matrix[own, own] += bullet.getDynamicsInfo(self._wheel_body, self._flywheels.index(joint), physicsClientId=self._client)[2][2]
         return float(1 / np.linalg.inv(matrix)[own, own])
 
-    def lowest(self) -> float:
-        """Height, m, of the lowest point of the boxes, along the axes, round the links that can touch something; infinite if none can."""
-        links = [index for index in self._links.values() if bullet.getCollisionShapeData(self._body, index, physicsClientId=self._client)]
-        return min((float(bullet.getAABB(self._body, index, physicsClientId=self._client)[0][2]) for index in links), default=math.inf)
-
-    def room(self) -> tuple[Array, Array]:
-        """Lowest and highest x, y, z, m, of the boxes, along the axes, round the links, or round their frames if they cannot touch anything."""
-        corners = []
-        for index in range(-1, bullet.getNumJoints(self._body, physicsClientId=self._client)):
-            if bullet.getCollisionShapeData(self._body, index, physicsClientId=self._client):
-                corners += bullet.getAABB(self._body, index, physicsClientId=self._client)
-            elif index >= 0:
-                state = bullet.getLinkState(self._body, index, computeForwardKinematics=1, physicsClientId=self._client)
-                corners += [state[0], state[4]]
-            else:
-                corners.append(bullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)[0])
-        return np.min(corners, 0), np.max(corners, 0)
-
-    def ranges(self) -> Array:
-        """Lowest and highest position of each joint, rad or m, shape (joints, 2); a turn, or 1 m each way, where the model sets no limit."""
-        found = []
-        for index in self._q_index:
-            info = bullet.getJointInfo(self._body, index, physicsClientId=self._client)
-            free = 1.0 if info[2] == bullet.JOINT_PRISMATIC else math.pi
-            found.append(info[8:10] if info[8] < info[9] else (-free, free))
-        return np.array(found, float)
-
     def render(self, width: int, height: int, *, at: Sequence[float], distance: float, yaw: float = 0.0, pitch: float = -15.0) -> Image:
         """A picture of the world, shape (height, width, 3), from `distance` m off the point `at`, m, turned by `yaw` and `pitch`, degrees; needs no display."""
         up = [-pull for pull in self._gravity] if any(self._gravity) else (0.0, 0.0, 1.0)
         return picture(self._client, width, height, at=at, distance=distance, yaw=yaw, pitch=pitch, up=up)
 
-    def has_contact(self) -> bool:
-        """Whether the robot touched anything in the last physics step."""
-        return bool(bullet.getContactPoints(bodyA=self._body, physicsClientId=self._client))
-
 
 #: Bullet's own residual at which its solver stops.
 _SOLVED = 1e-7
-#: Share of a penetration that a physics step takes back where things bounce: what it takes back, at most this share of the speed, adds to the bounce.
-_BOUNCING_ERP = 0.02
-#: Clients of worlds that are gone. A finalizer swallows what is raised in it, a Ctrl-C too: so it takes no time, and what does is done later.
-_dropped: list[int] = []
 
 
-def _empty_client() -> int:
-    """A PyBullet client without anything in it: that of a world that is gone, which takes a third of the time, or a new one."""
-    if not _dropped:
-        return int(bullet.connect(bullet.DIRECT))
-    client = _dropped.pop()
-    disconnect_dropped()
-    bullet.resetSimulation(physicsClientId=client)
-    return client
-
-
-def disconnect_dropped() -> None:
-    """Give back the memory of worlds that are gone; making a world does it, too."""
-    while _dropped:
-        with contextlib.suppress(bullet.error):
-            bullet.disconnect(_dropped.pop())
+def _check_targets(effects: Sequence[Effect], joints: Sequence[str]) -> None:
+    for effect in effects:
+        if effect.on in ("joint", "sensor") and effect.target not in joints:
+            raise UserError(f"effect {effect.name}: no joint {effect.target!r}; the model has {', '.join(joints)}")

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mpge_bench.envs.articulation import Loop
 from mpge_bench.envs.effects import PositionServo, TorqueLimit
 from mpge_bench.envs.engine import BULLET_DATA
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.robot import Array, Walking
-from mpge_bench.envs.world import Loop
 
 _LEGS = ("front_left", "back_left", "front_right", "back_right")
 #: The two motors of each leg, in the order of PyBullet's Minitaur, and which way each turns its joint.

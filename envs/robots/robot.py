@@ -12,12 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from mpge_bench.envs.articulation import Loop
 from mpge_bench.envs.effects import LinkSize
 from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.layout import BASE_DQ
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.picture import camera_round, distance_for
-from mpge_bench.envs.world import Loop, World
+from mpge_bench.envs.world import World
 
 Array = npt.NDArray[np.float64]
 MODELS = Path(__file__).parent / "models"

@@ -1,4 +1,4 @@
-"""What the tests of the physics share: MuJoCo as the other engine, and Gymnasium's own model files."""
+"""What the tests of the physics share: mechanisms, motions, MuJoCo as the other engine, and Gymnasium's own model files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,83 @@ import numpy as np
 import pytest
 
 from mpge_bench.envs.model import Model
+from mpge_bench.envs.robots import Minitaur
+from mpge_bench.envs.robots.robot import Robot
+
+#: Of the pole: kg, m from hinge to centre of mass, kg m² about it.
+MASS, ARM, CENTRAL = 2.0, 0.5, 0.1
+SOLID = '<inertial><origin xyz="0 0 -0.4"/><mass value="{mass}"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial>'
+MASSLESS = '<inertial><mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>'
+
+
+def a_link(name: str, mass: float = 1.0, further: str = "") -> str:
+    """A link of that mass, kg, in URDF."""
+    return f'<link name="{name}">{SOLID.format(mass=mass)}{further}</link>'
+
+
+def a_joint(name: str, parent: str, child: str, further: str = "", kind: str = "continuous") -> str:
+    """A hinge about y, or another `kind` of joint, in URDF."""
+    return f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 1 0"/>{further}</joint>'
+
+
+def model_of(folder: Path, *parts: str) -> Path:
+    """A URDF file of these links and joints."""
+    path = folder / "model.urdf"
+    path.write_text(f'<robot name="mechanism">{"".join(parts)}</robot>')
+    return path
+
+
+#: Two hinges of one base, and a third on the second of them, in an order of their own.
+TREE = (
+    *(a_link(name, mass) for name, mass in (("third", 3.0), ("base", 9.0), ("first", 1.0), ("second", 2.0))),
+    a_joint("a", "base", "first"),
+    a_joint("c", "second", "third", '<origin xyz="0 0 -0.5"/>'),
+    a_joint("b", "base", "second"),
+)
+
+
+def in_file(model: Model, path: str) -> ET.Element:
+    """The element of the model's own URDF text at `path`."""
+    found = ET.fromstring(model.text()).find(path)
+    assert found is not None, path
+    return found
+
+
+def numbers(element: ET.Element, key: str) -> list[float]:
+    return [float(value) for value in element.attrib[key].split()]
+
+
+def pole(folder: Path, *, damping: float = 0.0) -> Path:
+    """A model of one pole that hangs from a free hinge."""
+    path = folder / "pole.urdf"
+    path.write_text(
+        f'<robot name="pole"><link name="world">{MASSLESS}</link><link name="pole"><inertial><origin xyz="0 0 {-ARM}"/><mass value="{MASS}"/>'
+        f'<inertia ixx="{CENTRAL}" ixy="0" ixz="0" iyy="{CENTRAL}" iyz="0" izz="{CENTRAL}"/></inertial></link><joint name="hinge" type="continuous">'
+        f'<parent link="world"/><child link="pole"/><axis xyz="0 1 0"/><dynamics damping="{damping}" friction="0"/></joint></robot>'
+    )
+    return path
+
+
+def motions(robot: Robot, count: int) -> list[tuple[np.ndarray, np.ndarray, list[float]]]:
+    """Random (q, dq, command), many of them in the ground or beyond an end stop; the Minitaur's legs are closed."""
+    rng = np.random.default_rng(7)
+    joints = len(robot.joints)
+    low, high = np.full(joints, -1.2), np.full(joints, 1.2)
+    if robot.friction is not None and not robot.floating:
+        low[1], high[1] = 0.1, 1.2
+    driven = [robot.joints.index(joint) for joint in robot.actuators]
+    found = []
+    for _ in range(count):
+        q, dq, command = rng.uniform(low, high), rng.uniform(-3, 3, joints), np.zeros(joints)
+        if isinstance(robot, Minitaur):
+            q, dq = robot.pose(rng.uniform(0.6, 2.5, 8), rng.uniform(-3, 3, 8))
+        if robot.floating:
+            turn = rng.standard_normal(4)
+            base = np.concatenate((rng.uniform((-5, -5, 0.05), (5, 5, 0.5)), turn / np.linalg.norm(turn)))
+            q, dq = np.concatenate((base, q)), np.concatenate((rng.uniform(-3, 3, 6), dq))
+        command[driven] = robot.command(rng.uniform(-robot.action_limit, robot.action_limit, len(driven)))
+        found.append((q, dq, command.tolist()))
+    return found
 
 
 def _in_mujoco(model: Model, *, timestep: float = 1e-4, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Any:
