@@ -55,6 +55,10 @@ class Clock:
         now = time.monotonic()
         return replace(self, deadline=now + share * (self.deadline - now))
 
+    def later(self, share: float) -> Clock:
+        """One that is late when a `share` of what is left for the verdict has passed, too."""
+        return self if math.isinf(self.end) else replace(self, deadline=self.deadline + share * (self.end - self.deadline))
+
     def sooner(self, share: float) -> Clock:
         """One that is late when only a `share` of the time until the deadline is left."""
         return replace(self, deadline=self.begun + (1 - share) * (self.deadline - self.begun))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -166,11 +166,17 @@ class FreeSearch(Search):
         """`model`, which is settled, or `other` where that describes better once it is, each about its own starts."""
         if other is None:
             return model
-        windows, found = self.replay, self.settled(other)
-        if self.is_better(found, model):
-            return found
-        self.replay, self.last = windows, model
-        return model
+        found, wins = self._tried(other, model, self.is_better)
+        return found if wins else model
+
+    def _tried(self, other: Model, model: Model, wins: Callable[[Model, Model], bool]) -> tuple[Model, bool]:
+        """`other`, about its own starts, and whether it wins there over `model`; if not, windows are as they were before."""
+        windows, last = self.replay, self.last
+        found = self.settled(other)
+        won = wins(found, model)
+        if not won:
+            self.replay, self.last = windows, last
+        return found, won
 
     def _judged_anew(self, found: Model) -> Model:
         """`found`, by which all models are judged from now on."""
@@ -216,6 +222,21 @@ class FreeSearch(Search):
         left = self.replay.coarser().residuals(model.effects, self.glance)
         return float(np.sqrt(((left - self.left_beside) ** 2).mean())) < self.evidence.settings.free.telling
 
+    def needed(self, model: Model) -> Model:
+        """See `Search`; what is a little worse without one is so because windows are linearised about all of it: it is judged about its own starts."""
+        if not self.is_smooth:
+            return super().needed(model)
+        for one in sorted(model.hypotheses, key=lambda one: -one.size):
+            if len(model.hypotheses) < 2 or self.late("leaving out effects"):
+                break
+            less = self.add(self.fitted(*model.without(one)))
+            if less.description > model.description + self.evidence.settings.free.doubted:
+                continue
+            found, wins = self._tried(less, model, lambda found, model: not self.is_better(model, found))
+            if wins:
+                model = self._judged_anew(found)
+        return model
+
     def contested(self, model: Model) -> Model:
         """`model` or, once windows are linearised about it, a rival of no more parameters that describes them better, or as well and is plainer."""
         free, model = self.evidence.settings.free, self.settled(model)
@@ -224,14 +245,17 @@ class FreeSearch(Search):
         for one in sorted(near, key=lambda one: (not self.is_equal(one, model), plainness_of(one)))[: free.contested]:
             if self.late("telling twins apart"):
                 break
-            windows, found = self.replay, self.settled(one)
-            if self.is_better(found, model) or (self.is_equal(found, model) and plainness_of(found) < plainness_of(model)):
+            found, wins = self._tried(one, model, self._is_preferred)
+            if wins:
                 return self._judged_anew(found)
-            self.replay, self.last = windows, model
             # By what it comes to about its own starts it is no more an equal, or is one.
             self.models[one.key] = found
             self.beside[_named(model)] = tuple(found if other is one else other for other in self.rivals(model))
         return model
+
+    def _is_preferred(self, one: Model, other: Model) -> bool:
+        """Whether `one` describes better than `other`, or as well and is plainer."""
+        return self.is_better(one, other) or (self.is_equal(one, other) and plainness_of(one) < plainness_of(other))
 
     def rivals(self, model: Model) -> tuple[Model, ...]:
         """See `rivals`."""
