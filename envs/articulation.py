@@ -21,7 +21,6 @@ from mpge_bench.envs.rotors import rotor_of
 Array = npt.NDArray[np.float64]
 
 
-
 @dataclass(frozen=True)
 class Loop:
     """A ball joint that closes a kinematic loop: `point`, m, in the frame of `link` stays at `other_point` in the frame of `other_link`."""
@@ -68,6 +67,7 @@ class Articulation:
             self._close(loop)
 
     def _load(self, text: bytes, model: Model, *, fixed: bool = False) -> int:
+        """Load the URDF file `text`, which is the `model` or belongs to it; its body's number."""
         for mesh in {Path(shape.attrib["filename"]) for shape in model.meshes()}:
             if mesh.suffix.lower() == ".dae" and mesh.is_file() and kills(mesh, mesh.stat().st_mtime_ns):
                 raise UserError(f"{mesh}: PyBullet dies of this COLLADA file; give a whole one, or the shape as .obj or .stl")
@@ -129,11 +129,13 @@ class Articulation:
         bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=self._client)
 
     def _gear(self, rotor_body: int, rotor: int, joint: int, ratio: float) -> None:
+        """Let `rotor` turn `ratio` times as fast as the robot's `joint`."""
         axis, none = [0, 1, 0], [0, 0, 0]
         gear = bullet.createConstraint(rotor_body, rotor, self._body, joint, bullet.JOINT_GEAR, axis, none, none, physicsClientId=self._client)
         bullet.changeConstraint(gear, gearRatio=ratio, maxForce=1e6, physicsClientId=self._client)
 
     def _close(self, loop: Loop) -> None:
+        """Close the `loop` by a ball joint."""
         ends = []
         for link, point in ((loop.link, loop.point), (loop.other_link, loop.other_point)):
             if link not in self._links:
