@@ -129,7 +129,7 @@ class Articulation:
         bullet.setJointMotorControlArray(body, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=self._client)
 
     def _gear(self, rotor_body: int, rotor: int, joint: int, ratio: float) -> None:
-        """Let `rotor` turn `ratio` times as fast as the robot's `joint`."""
+        """Gear `rotor` to the robot's `joint`; `ratio` is Bullet's: minus the rotor's turns in one of the joint."""
         axis, none = [0, 1, 0], [0, 0, 0]
         gear = bullet.createConstraint(rotor_body, rotor, self._body, joint, bullet.JOINT_GEAR, axis, none, none, physicsClientId=self._client)
         bullet.changeConstraint(gear, gearRatio=ratio, maxForce=1e6, physicsClientId=self._client)
