@@ -30,7 +30,8 @@ from mpge_bench.concealed.draw import KINDS, Pool, drawn, key_of
 from mpge_bench.concealed.make import make, play
 from mpge_bench.concealed.mechanism import Case
 from mpge_bench.concealed.summary import wilson
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings

@@ -22,7 +22,7 @@ from mpge_bench.concealed.answer import answer_of
 from mpge_bench.concealed.score import Truth, cases_of, numbers
 from mpge_bench.concealed.summary import coverage
 from mpge_bench.diagnosis.choose.choice import choose
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.parts import parted

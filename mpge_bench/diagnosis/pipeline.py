@@ -17,7 +17,7 @@ import numpy.typing as npt
 import yaml
 
 from mpge_bench.diagnosis.choose.choice import choose
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.parts import parted

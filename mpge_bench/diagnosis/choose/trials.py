@@ -7,12 +7,13 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.exported import best_exported, exported_error, noise_floors, validation_recordings
 from mpge_bench.diagnosis.choose.score import gain, idle, is_better, is_doubtless, is_sharper
 from mpge_bench.diagnosis.choose.workers import Workers
@@ -22,46 +23,11 @@ from mpge_bench.diagnosis.fit.regressed import smoothed
 from mpge_bench.diagnosis.fit.simulator import as_it_is, drafted, polished, unforgiven
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, candidates, key, label
 from mpge_bench.diagnosis.settings import ChooseSettings
-from mpge_bench.envs.compiled import begin_budget, is_past
+from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Clock:
-    """When the search began, when it is to begin nothing new, and when all is to be said, s of the monotonic clock."""
-
-    begun: float
-    deadline: float
-    end: float = math.inf
-
-    @classmethod
-    def started(cls, seconds: float | None, settings: ChooseSettings) -> Clock:
-        """Now, with a time budget of `seconds`, None for as long as it takes; what the settings reserve of it is left for what comes after the search."""
-        begun = begin_budget()
-        if seconds is None:
-            return cls(begun, math.inf)
-        reserve = max(settings.reserved * seconds, min(settings.reserved_least, settings.reserved_most * seconds))
-        return cls(begun, begun + seconds - reserve, begun + seconds)
-
-    @property
-    def late(self) -> bool:
-        return is_past(self.deadline)
-
-    def within(self, share: float) -> Clock:
-        """One that is late when a `share` of the time that is left until the deadline has passed."""
-        now = time.monotonic()
-        return replace(self, deadline=now + share * (self.deadline - now))
-
-    def later(self, share: float) -> Clock:
-        """One that is late when a `share` of what is left for the verdict has passed, too."""
-        return self if math.isinf(self.end) else replace(self, deadline=self.deadline + share * (self.end - self.deadline))
-
-    def sooner(self, share: float) -> Clock:
-        """One that is late when only a `share` of the time until the deadline is left."""
-        return replace(self, deadline=self.begun + (1 - share) * (self.deadline - self.begun))
 
 
 class Trials:

@@ -5,10 +5,20 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.transitions.fit import Model, fitted
 
 _log = logging.getLogger(__name__)
+
+
+def ended(search: FreeSearch, model: Model, clock: Clock) -> Model:
+    """The answer `model` settled, without what it does without, and fitted to its end, in a part of what `clock` keeps for the verdict, too.
+
+    What is not at its end has intervals that leave out the truth, and something beside it that is none.
+    """
+    search.clock = clock.later(search.evidence.settings.free.ending)
+    return search.acting(polished(search, search.needed(search.settled(model))))
 
 
 def polished(search: FreeSearch, model: Model) -> Model:

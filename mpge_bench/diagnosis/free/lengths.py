@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.free.motion import Motion, Noise

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
-from mpge_bench.diagnosis.free.ending import polished
+from mpge_bench.diagnosis.free.ending import ended
 from mpge_bench.diagnosis.free.evidence import Evidence
 from mpge_bench.diagnosis.free.hypotheses import hypotheses
 from mpge_bench.diagnosis.free.lengths import Length, longest
@@ -90,9 +90,7 @@ def diagnose_free(
     if test.is_mismatch and not answer.chosen.hypotheses and not clock.late:
         test = search.agreed()
     where = places(search.evidence.target, motions, answer.nominal.residuals[:, : search.windows.slopes.shape[1]]) if test.is_mismatch else ()
-    # What is not fitted to its end has intervals that leave out the truth, and something beside it that is none.
-    search.clock = clock.later(settings.free.ending)
-    settled = search.acting(polished(search, search.needed(search.settled(answer.chosen))))
+    settled = ended(search, answer.chosen, clock)
     answer, settled = beside_equals(search, answer, settled)
     unseen = windows_of(simulator, parts.unseen, later, noise, settings.free, settings.free.unseen_windows)
     result = concluded(search.replay, unseen, parts.unseen, answer, settled, test, where, _checks(recordings, rig, noise), settings, clock, workers)

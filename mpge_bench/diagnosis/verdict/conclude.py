@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.exported import ExportedMisses, exported_error
 from mpge_bench.diagnosis.choose.score import fallen
-from mpge_bench.diagnosis.choose.trials import Clock
 from mpge_bench.diagnosis.data.parts import Parts
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.hypotheses.candidates import label

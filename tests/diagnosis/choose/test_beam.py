@@ -12,7 +12,8 @@ import pytest
 
 from mpge_bench.diagnosis.choose import beam
 from mpge_bench.diagnosis.choose.beam import _is_elsewhere, _without_idle, grow
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.screen import screen

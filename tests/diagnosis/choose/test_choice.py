@@ -13,7 +13,8 @@ import pytest
 from mpge_bench.diagnosis.choose import choice
 from mpge_bench.diagnosis.choose.beam import shown_to_some
 from mpge_bench.diagnosis.choose.choice import chance_of
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import Measurements
 from mpge_bench.diagnosis.data.parts import parted

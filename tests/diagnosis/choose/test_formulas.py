@@ -10,9 +10,10 @@ import pytest
 
 from mpge_bench.diagnosis.choose import formulas
 from mpge_bench.diagnosis.choose.choice import choose
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.formulas import is_told, lone_formula, with_formulas
 from mpge_bench.diagnosis.choose.simplest import needed
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model

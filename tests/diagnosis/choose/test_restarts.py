@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose import restarts
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
 from mpge_bench.diagnosis.choose.points import Point
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose import settling
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.settling import settled
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import as_it_is

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import nominal
@@ -201,9 +202,3 @@ def test_what_takes_longer_than_there_is_time_is_cut_short(rig: Rig) -> None:
     assert not trials.cut_short("short ones", 10.0)
     assert trials.cut_short("long ones", 100.0)
     assert list(trials.cut) == ["long ones"]
-
-
-def test_the_end_of_a_search_may_take_a_share_of_what_is_left_for_the_verdict() -> None:
-    assert Clock(0.0, 100.0, 150.0).later(0.6).deadline == 130.0
-    unhurried = Clock(0.0, np.inf)
-    assert unhurried.later(0.6) == unhurried

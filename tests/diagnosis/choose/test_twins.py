@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.choose import twins as twins_module
-from mpge_bench.diagnosis.choose.trials import Clock, Trials
+from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Twin, merged, of_two, plainest, plainness, remainder, twins
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.rig import Rig, read_rig

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Effect

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mpge_bench.cli import app
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions import pipeline

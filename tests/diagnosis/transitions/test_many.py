@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.transitions import pipeline
 from mpge_bench.diagnosis.transitions.choose import Search

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.choose.trials import Clock
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import Comparison

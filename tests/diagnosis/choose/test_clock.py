@@ -1,0 +1,13 @@
+"""The time budget."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mpge_bench.diagnosis.choose.clock import Clock
+
+
+def test_the_end_of_a_search_may_take_a_share_of_what_is_left_for_the_verdict() -> None:
+    assert Clock(0.0, 100.0, 150.0).later(0.6).deadline == 130.0
+    unhurried = Clock(0.0, np.inf)
+    assert unhurried.later(0.6) == unhurried
