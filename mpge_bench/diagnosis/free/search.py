@@ -222,20 +222,14 @@ class FreeSearch(Search):
         left = self.replay.coarser().residuals(model.effects, self.glance)
         return float(np.sqrt(((left - self.left_beside) ** 2).mean())) < self.evidence.settings.free.telling
 
-    def needed(self, model: Model) -> Model:
+    def lesser(self, model: Model, less: Model) -> Model:
         """See `Search`; what is a little worse without one is so because windows are linearised about all of it: it is judged about its own starts."""
         if not self.is_smooth:
-            return super().needed(model)
-        for one in sorted(model.hypotheses, key=lambda one: -one.size):
-            if len(model.hypotheses) < 2 or self.late("leaving out effects"):
-                break
-            less = self.add(self.fitted(*model.without(one)))
-            if less.description > model.description + self.evidence.settings.free.doubted:
-                continue
-            found, wins = self._tried(less, model, lambda found, model: not self.is_better(model, found))
-            if wins:
-                model = self._judged_anew(found)
-        return model
+            return super().lesser(model, less)
+        if less.description > model.description + self.evidence.settings.free.doubted:
+            return model
+        found, wins = self._tried(less, model, lambda found, model: not self.is_better(model, found))
+        return self._judged_anew(found) if wins else model
 
     def contested(self, model: Model) -> Model:
         """`model` or, once windows are linearised about it, a rival of no more parameters that describes them better, or as well and is plainer."""

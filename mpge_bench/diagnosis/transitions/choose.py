@@ -268,10 +268,12 @@ class Search(Trials):
         for one in sorted(model.hypotheses, key=lambda one: -one.size):
             if len(model.hypotheses) < 2 or self.late("leaving out effects"):
                 break
-            less = self.add(self.fitted(*model.without(one)))
-            if not self.is_better(model, less):
-                model = less
+            model = self.lesser(model, self.add(self.fitted(*model.without(one))))
         return model
+
+    def lesser(self, model: Model, less: Model) -> Model:
+        """`less`, which has one hypothesis less, or `model` where that one is needed."""
+        return model if self.is_better(model, less) else less
 
     def alone(self, model: Model) -> Model:
         """`model` or, where one hypothesis on a target of its own describes as well as all of its several together, that one."""
