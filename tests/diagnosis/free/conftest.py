@@ -14,13 +14,15 @@ import yaml
 from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects import Effect, Scale
 
 BRICK = """<robot name="brick"><link name="brick">
 <inertial><mass value="0.4"/><inertia ixx="0.0007" ixy="0" ixz="0" iyy="0.0009" iyz="0" izz="0.0011"/></inertial>
 <collision><geometry><box size="0.12 0.1 0.08"/></geometry></collision></link></robot>"""
 RIG = {"robot": "brick.urdf", "base": "free", "timestep": 0.002, "record_period": 0.008, "joints": {}, "ground": {"friction": 0.5, "restitution": 0.0}}
 NOISE = 1e-4
+#: How large things are of what `swung` makes.
+SWUNG = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
 UNHURRIED = Clock.started(None, DEFAULT.choose)
 
 Tossed = Callable[..., Path]

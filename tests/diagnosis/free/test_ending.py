@@ -16,9 +16,9 @@ from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.transitions.fit import Model, model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, Scales, listed
-from mpge_bench.envs.effects import Effect, MassScale, Scale, TorqueGain
+from mpge_bench.envs.effects import Effect, MassScale, TorqueGain
 
-from .conftest import UNHURRIED, Tossed
+from .conftest import SWUNG, UNHURRIED, Tossed
 from .test_windows import made
 
 FREE = stretched(DEFAULT, 0.15)
@@ -27,8 +27,7 @@ FREE = stretched(DEFAULT, 0.15)
 def found(swung: Tossed, hidden: Effect, **values: float) -> tuple[FreeSearch, Model]:
     """A search in long windows with `hidden`, and a model of a heavier arm and a weaker motor with these parameters, settled."""
     windows, settings = made(swung([hidden], falls=6), 24, FREE), _for_windows(replace(DEFAULT, free=FREE), 200)
-    scales = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
-    known = listed([MassScale, TorqueGain], ["hinge"], ["hinge"], ["arm"], Scales({"hinge": scales}, {"arm": scales}, scales))
+    known = listed([MassScale, TorqueGain], ["hinge"], ["hinge"], ["arm"], Scales({"hinge": SWUNG}, {"arm": SWUNG}, SWUNG))
     given = [one for one in known if one.kind.name in values]
     search = FreeSearch(windows, given, Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
     assert search.is_smooth

@@ -23,9 +23,9 @@ from mpge_bench.diagnosis.transitions.fit import model_of
 from mpge_bench.diagnosis.transitions.hypotheses import Scales, listed
 from mpge_bench.diagnosis.transitions.screen import Refit
 from mpge_bench.diagnosis.transitions.trials import plainness_of
-from mpge_bench.envs.effects import Delay, Effect, JointSpring, Lag, MassScale, Scale, TorqueGain
+from mpge_bench.envs.effects import Delay, Effect, JointSpring, Lag, MassScale, TorqueGain
 
-from .conftest import UNHURRIED, Tossed
+from .conftest import SWUNG, UNHURRIED, Tossed
 from .test_windows import made
 
 HIDDEN: tuple[Effect, ...] = (TorqueGain("hinge", 0.9), JointSpring("hinge", 0.03, 0.2))
@@ -84,8 +84,7 @@ def test_beside_what_was_found_windows_that_the_rig_alone_does_not_repeat_are_cu
 def test_half_a_physics_step_is_no_news_beside_a_motor_that_lags(swung: Tossed) -> None:
     """Beside a lag that explained 170 of the noise half a step was called a delay of .5 ms, before gravity that was tilted."""
     windows, settings = made(swung(falls=2), 6).linearised(), _for_windows(DEFAULT, 100)
-    scales = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
-    known = {one.kind.name: one for one in listed([Lag, Delay, TorqueGain], ["hinge"], ["hinge"], [], Scales({"hinge": scales}, {}, scales))}
+    known = {one.kind.name: one for one in listed([Lag, Delay, TorqueGain], ["hinge"], ["hinge"], [], Scales({"hinge": SWUNG}, {}, SWUNG))}
     search = FreeSearch(windows, list(known.values()), Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
     lagging, weak = (model_of(windows, [known[name]], [(value,)], search.every, search.settings) for name, value in (("lag", 0.04), ("torque_gain", 0.9)))
     assert len(search.taken(windows, lagging, search.every)) == 2
@@ -100,8 +99,7 @@ def test_half_a_physics_step_is_no_news_beside_a_motor_that_lags(swung: Tossed) 
 def test_of_equals_what_may_be_absent_comes_after_what_is_told(swung: Tossed) -> None:
     """Of a puck's friction of .453, told to .001, and a body of .05 to 19 times its mass, the commoner physics, the body was said."""
     windows, settings = made(swung([MassScale("arm", 1.5)], falls=2), 6).linearised(), _for_windows(DEFAULT, 100)
-    scales = Scale(0.03, 0.03, 1.0, 3.0, 0.5, 1e-3, 0.1, 0.1, 0.008, 0.5, (0.0, 0.0, -9.81))
-    known = {one.kind.name: one for one in listed([MassScale, TorqueGain], ["hinge"], ["hinge"], ["arm"], Scales({"hinge": scales}, {"arm": scales}, scales))}
+    known = {one.kind.name: one for one in listed([MassScale, TorqueGain], ["hinge"], ["hinge"], ["arm"], Scales({"hinge": SWUNG}, {"arm": SWUNG}, SWUNG))}
     search = FreeSearch(windows, list(known.values()), Workers(1), UNHURRIED, settings.replay, evidence=Evidence(windows, windows.imagined(0), settings))
     given = ("mass_scale", 1.5), ("torque_gain", 0.9999)
     heavy, weak = (model_of(windows, [known[name]], [(value,)], search.every, search.settings) for name, value in given)
