@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -53,7 +54,7 @@ def longest(
 
     A force that is missed shows by the square of the time; what impacts make of an unknown start, and of laws of contact that differ, grows faster. Beside a
     large mismatch windows are shorter, too: what changes of long ones beside the rig says little of what does beside the answer. Where the rig repeats too few
-    of even the shortest, no longer ones are looked at, and all of these are taken as they are.
+    of even the shortest, or there is no time to see, no longer ones are looked at, and all of these are taken as they are.
 
     Args:
         clock: of the whole diagnosis; windows are looked at for a share of what is left, and so many are taken as there is time for.
@@ -66,48 +67,49 @@ def longest(
     def own(windows: Windows, seed: int) -> Windows:
         return linearised(workers, windows.imagined(seed, effects), effects)
 
-    def repeats(windows: Windows) -> npt.NDArray[np.bool_]:
+    @cache
+    def looked_at(some: FreeSettings, total: int) -> tuple[Windows, npt.NDArray[np.bool_]]:
+        """So many windows, and which of them the rig repeats."""
+        windows = cut(some, total)
         # In the air derivatives where a window began lead there, too; what tumbles over a ground they would follow as no recording's can.
-        some = own(windows, 0) if simulator.rig.ground else windows.imagined(0, effects).sought(effects)
-        return _missed(some, effects) < free.repeated
+        imagined = own(windows, 0) if simulator.rig.ground else windows.imagined(0, effects).sought(effects)
+        return windows, _missed(imagined, effects) < free.repeated
 
     free, shortened, shortest = settings.free, False, min(settings.free.longer)
     looking = clock.within(free.looking)
-    rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
     # Over a ground as many of the rig's own are linearised, too.
     pace = 0.0 if math.isinf(looking.deadline) else (2 if simulator.rig.ground else 1) * _taken(lambda: cut(free, 1)) / workers.jobs / free.window
-    lengths = list(_lengths(rows, simulator.period, len(recordings), settings))
-    is_lost = bool(lengths) and repeats(cut(lengths[-1][1], free.repeats)).mean() < free.enough
-    for times, longer in [] if is_lost else lengths:
-        total = _affordable(longer, pace, looking)
-        if times > shortest and total < free.repeats:
+    lengths = list(_lengths(simulator, recordings, settings))
+    if lengths and (_affordable(lengths[-1][1], pace, looking) < free.repeats or looked_at(lengths[-1][1], free.repeats)[1].mean() < free.enough):
+        lengths.clear()
+    for times, longer in lengths:
+        total = max(_affordable(longer, pace, looking), free.repeats if times == shortest else 0)
+        if total < free.repeats:
             continue
-        total = max(total, free.repeats)
         # A few tell whether it is worth while to look at all.
-        some = cut(longer, total if total <= 2 * free.repeats else free.repeats)
-        repeated = repeats(some)
+        some, repeated = looked_at(longer, total if total <= 2 * free.repeats else free.repeats)
         if repeated.mean() < free.enough:
             continue
         if times > shortest and _is_far(some, effects, free):
             shortened = True
             continue
-        if len(some) < total:
-            repeated = repeats(some := cut(longer, total))
+        some, repeated = looked_at(longer, total)
         kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.
             return Length(longer, kept, own(kept.part(kept.heads(free.repeats)), 1), shortened)
-    total = max(_affordable(free, pace, looking), free.repeats)
-    return Length(free, cut(free, total), own(cut(free, min(total, free.few)), 0))
+    windows = cut(free, max(_affordable(free, pace, looking), free.repeats))
+    return Length(free, windows, own(windows if len(windows) <= free.few else cut(free, free.few), 0))
 
 
-def _lengths(rows: int, period: float, recordings: int, settings: DiagnosisSettings) -> Iterator[tuple[float, FreeSettings]]:
-    """How many times as long as the shortest windows may be, and settings of as long ones, of which so many recordings of so many rows have enough."""
+def _lengths(simulator: Simulator, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Iterator[tuple[float, FreeSettings]]:
+    """How many times as long as the shortest windows may be, and settings of as long ones, of which `recordings` have enough."""
+    rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, settings.free))
     free = settings.free
     for times in free.longer:
-        pieces = math.ceil(rows * period / (times * free.window))
-        if pieces * recordings >= free.repeats:
-            yield times, stretched(settings, rows // pieces * period)
+        pieces = math.ceil(rows * simulator.period / (times * free.window))
+        if pieces * len(recordings) >= free.repeats:
+            yield times, stretched(settings, rows // pieces * simulator.period)
 
 
 def _affordable(some: FreeSettings, pace: float, clock: Clock) -> int:

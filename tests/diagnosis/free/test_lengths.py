@@ -42,6 +42,23 @@ def test_of_a_slow_simulator_there_are_as_many_windows_as_there_is_time_for(toss
     assert DEFAULT.free.repeats <= len(hurried.windows) < 20
 
 
+def test_where_a_look_at_windows_takes_more_than_the_time_for_it_there_is_none(tossed: Tossed, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A minitaur's were linearised five times over, and no time was left to look for anything."""
+    asked = 0
+
+    def cut(workers: Workers, windows: Windows, effects: Sequence[Effect] = ()) -> Windows:
+        nonlocal asked
+        asked += len(windows)
+        return linearised(workers, windows, effects)
+
+    monkeypatch.setattr(lengths, "linearised", cut)
+    monkeypatch.setattr(lengths, "_taken", lambda work: 6.0)
+    found = longest(*measured(tossed()), DEFAULT, Workers(1), Clock.started(240.0, DEFAULT.choose))
+    assert found.settings == DEFAULT.free
+    assert len(found.windows) == len(found.own) == DEFAULT.free.repeats
+    assert asked == 2 * DEFAULT.free.repeats
+
+
 def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:
     """Gravity that was tilted by .2 rad made as much as the noise within .1 s, and 24 times as much within .4 s."""
     settings = lengthened(tossed(ground=None))
