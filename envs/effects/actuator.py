@@ -369,6 +369,41 @@ class BackEmfLimit(Effect):
 
 
 @dataclass(frozen=True)
+class MotorSaturation(Effect):
+    """A motor whose iron saturates: ``torque * tanh((command - back_emf * dq) / torque)``, so at most `torque`, and less the faster it turns.
+
+    A smooth `DcMotor` of two numbers: of small commands it makes a torque linear in the current, of which the speed takes the back-EMF's share
+    (torque constant² / resistance), and of large ones, for which the current no longer adds flux, no more than `torque`.
+    """
+
+    torque: float
+    back_emf: float
+
+    name = "motor_saturation"
+    sentence = "The {target}'s motor saturates: it delivers no more than {torque}, and gradually less than asked before, and loses {back_emf} to its speed."
+    resembles = ("torque_limit", "viscous_friction", "torque_gain")
+    told_apart = {
+        "torque_limit": "hold loads that grow: a limit is a corner, saturation a bend",
+        "viscous_friction": "drive fast with large commands: saturation cuts what the speed takes, too, friction is not cut",
+        "torque_gain": "hold small and large loads: a weak motor is as weak at both",
+    }
+    on = "joint"
+    parameters = {"torque": Parameter("N m", 1e-6, 1e4, neutral=math.inf), "back_emf": Parameter("N m s/rad", 0.0, 1e4)}
+    needs_motor = True
+    asks_states = True
+    place = 65
+
+    def actuate(self, command: Any, joint: int, q: Any, dq: Any, hidden: Hidden) -> None:
+        asked = command[joint] - self.back_emf * dq[joint]
+        command[joint] = self.torque * np.tanh(asked / self.torque)
+
+    @classmethod
+    def starts(cls, scale: Scale) -> list[dict[str, Any]]:
+        taken = 0.2 * scale.torque / scale.speed
+        return [{"torque": share * most, "back_emf": taken} for most in scale.limits for share in (1.5, 0.5)]
+
+
+@dataclass(frozen=True)
 class DcMotor(Effect):
     """A DC motor behind its driver, in place of one whose torque is `torque_constant` times voltage / `resistance`, so linear in the current.
 

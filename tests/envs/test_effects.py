@@ -53,6 +53,7 @@ from mpge_bench.envs.effects import (
     LinkSize,
     LoadFriction,
     MassScale,
+    MotorSaturation,
     OneWayFriction,
     OscillatingTorque,
     Payload,
@@ -130,6 +131,7 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "load_friction": {"coefficient": (0.1, 0.2)},
     "mass_scale": {"factor": (1.1, 1.2)},
     "one_way_friction": {"forward": (5.0, 6.0), "backward": (2.0, 3.0)},
+    "motor_saturation": {"torque": (30.0, 35.0), "back_emf": (1.0, 2.0)},
     "oscillating_torque": {"amplitude": (10.0, 11.0), "frequency": (2.0, 3.0), "phase": (0.5, 1.0)},
     "payload": {"mass": (1.0, 1.5), "distance": (0.3, 0.4)},
     "periodic_friction": {"mean": (10.0, 11.0), "swing": (5.0, 6.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
@@ -440,6 +442,22 @@ def test_what_a_dc_motor_never_reaches_changes_nothing(wheel: Path) -> None:
     assert torque_at(wheel, 3.0, ideal) == pytest.approx(3.0)
     assert torque_at(wheel, 3.0, ideal, dq=2.0) == pytest.approx(3.0 - 0.5**2 / 2.0 * 2.0)
     assert torque_at(wheel, 300.0, dataclasses.replace(ideal, voltage_limit=40.0)) == pytest.approx(0.5 * 40.0 / 2.0)
+
+
+@given(command=st.floats(-60, 60), speed=st.floats(-20, 20), torque=st.floats(0.5, 20), back_emf=st.floats(0, 2))
+def test_a_saturated_motor_delivers_no_more_than_its_torque_and_of_little_what_is_asked(command: float, speed: float, torque: float, back_emf: float) -> None:
+    given_to = [command]
+    MotorSaturation("hinge", torque, back_emf).actuate(given_to, 0, [0.0], [speed], Hidden(1e-3))
+    asked = command - back_emf * speed
+    assert abs(given_to[0]) <= torque
+    assert given_to[0] * asked >= 0
+    assert abs(given_to[0]) <= abs(asked) * (1 + 1e-9)
+
+
+def test_a_saturated_motor_comes_near_the_minitaurs(wheel: Path) -> None:
+    for current in range(10, 61, 10):
+        asked = 0.0954 * current
+        assert torque_at(wheel, asked, MotorSaturation("hinge", 3.7, 0.0)) == pytest.approx(torque_at(wheel, asked, minitaurs_motor()), rel=0.09)
 
 
 def minitaurs_motor() -> DcMotor:

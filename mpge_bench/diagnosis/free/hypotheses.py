@@ -12,7 +12,7 @@ from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.free.motion import Motion
 from mpge_bench.diagnosis.free.simulator import Simulator
-from mpge_bench.diagnosis.settings import DiagnosisSettings, ReplaySettings
+from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, Scales, listed, moved_links
 from mpge_bench.envs.effects import CATALOGUE, Scale
 
@@ -59,9 +59,9 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
         step=simulator.step,
     )
     found: dict[str, Scale] = {}
+    believed = _delivered(rig, *(dict(zip(rig.joints, values.T, strict=True)) for values in (commands, turns, speeds)))
     for column, joint in enumerate(rig.joints):
-        inertia, servo = world.inertia_of(joint), rig.servo(joint)
-        delivered = _delivered(rig, joint, commands[:, column], turns[:, column], speeds[:, column], least)
+        inertia, servo, delivered = world.inertia_of(joint), rig.servo(joint), believed[joint]
         # What carries and brakes a joint without a motor is not known: at least what accelerates it.
         torque = max(_rms(delivered), inertia * _rms(accelerations[:, column]), settings.hypotheses.least_torque)
         found[joint] = replace(
@@ -88,10 +88,15 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
     return Scales(found, links | {"*": touched}, replace(touched, length=size))
 
 
-def _delivered(rig: Rig, joint: str, commands: Array, turns: Array, speeds: Array, settings: ReplaySettings) -> Array:
-    """Torques that the motor of `joint` is believed to have delivered, all shaped (rows,)."""
-    if rig.robot and rig.robot.servos:
-        return np.full(1, settings.least_torque)
+def _delivered(rig: Rig, commands: dict[str, Array], turns: dict[str, Array], speeds: dict[str, Array]) -> dict[str, Array]:
+    """Torques that motors are believed to have delivered, 0 of joints that have none; all by joint, shapes (rows,)."""
+    if rig.robot:
+        return dict.fromkeys(rig.joints, np.zeros(1)) | rig.robot.asked({joint: commands[joint] for joint in rig.driven}, turns, speeds)
+    return {joint: _of_motor(rig, joint, commands[joint], turns[joint], speeds[joint]) for joint in rig.joints}
+
+
+def _of_motor(rig: Rig, joint: str, commands: Array, turns: Array, speeds: Array) -> Array:
+    """That of one `joint`'s, shape (rows,)."""
     if rig.modes[joint] == "passive":
         return np.zeros(1)
     servo = rig.servo(joint)

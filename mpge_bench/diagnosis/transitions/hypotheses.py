@@ -155,14 +155,15 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
     first = layout.nq - layout.joints
     q, dq = layout.q(states)[:, first:], layout.dq(states)[:, layout.nv - layout.joints :]
     commands = np.array([robot.command(action) for action in episodes.actions.tolist()])
-    own = dict(zip(robot.actuators, commands.T, strict=True)) if not robot.servos else {}
+    turns, speeds = (dict(zip(robot.joints, values.T, strict=True)) for values in (q, dq))
+    own = robot.asked(dict(zip(robot.actuators, commands.T, strict=True)), turns, speeds)
     touching = model.touching() if robot.friction is not None else ()
     shortest = int(episodes.counts.min())
     losses = robot.load().take_losses()
     found: dict[str, Scale] = {}
     carried = {joint: [link for link in model.moving_links() if joint in model.carriers(link)] for joint in robot.joints}
     for column, joint in enumerate(robot.joints):
-        torque = own.get(joint, np.full(1, settings.least_torque))
+        torque = own.get(joint, np.zeros(1))
         links = carried[joint]
         mass, centre, _ = model.inertial(links[0]) if links else (1.0, np.full(3, 0.1), None)
         found[joint] = Scale(

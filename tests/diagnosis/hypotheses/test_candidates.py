@@ -22,7 +22,7 @@ def test_every_effect_of_the_catalogue_is_looked_for(made: Callable[..., Made]) 
     # A servo is looked for where the rig has one; a nameless curve is tried last. Mechanisms that touch nothing have no contacts, and what else the
     # benchmark alone needs is another effect there: a damping is viscous friction, a larger rotor armature, a mass on the link payload, and so on.
     # Where a joint of a fixed base is, its motion does not tell.
-    benchmark = {"attached_mass", "dc_motor", "joint_damping", "latency", "link_size", "reflected_inertia", "rotor_scale"}
+    benchmark = {"attached_mass", "dc_motor", "joint_damping", "latency", "link_size", "motor_saturation", "reflected_inertia", "rotor_scale"}
     contact = {"contact_compliance", "contact_friction", "ground_height", "ground_tilt", "restitution"}
     carried = {"joint_axis", "joint_origin", "link_length"}
     formulas = {name for name, kind in CATALOGUE.items() if kind.is_formula}

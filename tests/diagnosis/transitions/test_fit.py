@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.diagnosis.transitions.fit import Array, Model, Rows, chance_of, description, fitted, smooth
+from mpge_bench.diagnosis.transitions.fit import Array, Model, Rows, chance_of, description, fitted, model_of, smooth
 from mpge_bench.diagnosis.transitions.hypotheses import hypotheses
 from mpge_bench.diagnosis.transitions.replay import Replay
 from mpge_bench.envs import get_task
@@ -27,6 +27,16 @@ def test_a_fit_without_noise_ends_at_the_truth() -> None:
     model = fitted(found, (gain,), ((0.9,),), np.arange(120), SETTINGS, 15)
     assert model.values[0][0] == pytest.approx(0.5, rel=1e-9)
     assert model.is_exact(SETTINGS)
+
+
+def test_the_minitaurs_measured_motors_are_told_by_two_numbers_from_where_they_are_sought() -> None:
+    """Their curve and constants have no starts, and nothing but weak motors and friction was found in their place."""
+    task = get_task("minitaur_motor")
+    found = Replay(task.robot, drawn(task, 40, 0.0, 1)[0], SETTINGS.settle, SETTINGS.worst)
+    alike = next(one for one in hypotheses(task.robot, found.episodes, SETTINGS) if one.kind.name == "motor_saturation" and len(one.targets) == 8)
+    model = fitted(found, (alike,), (parameters_of(alike.starts[0]),), np.arange(40), SETTINGS, 12)
+    assert model.values[0] == pytest.approx((3.7, 0.0954**2 / 0.186), rel=0.1)
+    assert model.missed < 0.2 * model_of(found, (), (), np.arange(40), SETTINGS).missed
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from mpge_bench.diagnosis.predict.fast.program import (
     NUMBERS,
     ONE_WAY,
     OSCILLATING,
+    SATURATION,
     SERVO,
     SLOPED_FRICTION,
     SPRING,
@@ -186,6 +187,8 @@ def _passed(operation: int, a: float, b: float, c: float, command: float, q: flo
     elif operation == BACK_EMF:
         if command * dq > 0:
             command = _cut(command, max(0.0, a * (1 - abs(dq) / b)))
+    elif operation == SATURATION:
+        command = a * math.tanh((command - b * dq) / a)
     elif operation in (WAVES, OSCILLATING):
         command += a * math.sin(b * (q if operation == WAVES else time) + c)
     elif operation == CUBIC:

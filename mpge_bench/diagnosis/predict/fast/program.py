@@ -29,6 +29,7 @@ from mpge_bench.envs.effects import (
     Latency,
     LinkLength,
     LoadFriction,
+    MotorSaturation,
     OneWayFriction,
     OscillatingTorque,
     PeriodicFriction,
@@ -48,9 +49,9 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 #: Operations of a program.
-SERVO, LATE, DEAD_ZONE, GAIN, BIAS, LAG, LIMIT, BACK_EMF, DC_MOTOR, MOTOR_SIDE, SPRING, VISCOUS, DRAG, COULOMB, STRIBECK, LOAD, CURVE = range(17)
+SERVO, LATE, DEAD_ZONE, GAIN, BIAS, LAG, LIMIT, BACK_EMF, DC_MOTOR, MOTOR_SIDE, SPRING, VISCOUS, DRAG, COULOMB, STRIBECK, LOAD, CURVE, SATURATION = range(18)
 #: Formulas.
-WAVES, CUBIC, WAVY_FRICTION, SLOPED_FRICTION, ONE_WAY, WAVY_GAIN, DRIFTING, OSCILLATING = range(17, 25)
+WAVES, CUBIC, WAVY_FRICTION, SLOPED_FRICTION, ONE_WAY, WAVY_GAIN, DRIFTING, OSCILLATING = range(18, 26)
 #: Signals that a curve goes by.
 _SIGNALS = {"q": 0.0, "dq": 1.0, "command": 2.0}
 #: Most numbers of an operation.
@@ -115,6 +116,7 @@ WRITTEN: dict[type[Effect], tuple[int, Callable[..., _Written]]] = {
     Lag: (LAG, lambda e, step, _: ([1.0 if e.time_constant <= 0 else -math.expm1(-step / e.time_constant)], 2, ())),
     TorqueLimit: (LIMIT, lambda e, *_: ([e.torque], 0, ())),
     BackEmfLimit: (BACK_EMF, lambda e, *_: ([e.stall, e.no_load_speed], 0, ())),
+    MotorSaturation: (SATURATION, lambda e, *_: ([e.torque, e.back_emf], 0, ())),
     DcMotor: (
         DC_MOTOR,
         lambda e, *_: ([e.torque_constant, e.resistance, e.voltage_limit, float(len(e.current))], 0, (*e.current, *e.torque)),
