@@ -31,6 +31,10 @@ class Clock:
     def late(self) -> bool:
         return is_past(self.deadline)
 
+    def lacks(self, seconds: float) -> bool:
+        """Whether what takes so long would end after the deadline."""
+        return is_past(self.deadline - seconds)
+
     def within(self, share: float) -> Clock:
         """One that is late when a `share` of the time that is left until the deadline has passed."""
         now = time.monotonic()

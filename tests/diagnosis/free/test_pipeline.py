@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.data.checks import read_recordings
 from mpge_bench.diagnosis.data.recording import errors
 from mpge_bench.diagnosis.data.rig import read_rig
@@ -93,6 +96,16 @@ def test_where_nothing_is_seen_all_windows_are_looked_at(tossed: Tossed, tmp_pat
     few, all_of_them = looked_at
     assert few < all_of_them
     assert result.verdict == "no_mismatch"
+
+
+@pytest.mark.parametrize(("left", "is_cut"), [(30.0, False), (300.0, True)])
+def test_windows_are_cut_anew_only_where_there_is_time_for_it(left: float, is_cut: bool) -> None:
+    """A Minitaur's were begun to be cut when the time was nearly up, which took a minute and a half beyond it."""
+    now, found = time.monotonic(), Model((Hypothesis(("world",), (Gravity("world", (0.3, 0.0, -9.81)),), None),), ((0.1, 0.0, -9.81),), np.zeros((1, 1)), 0.0)
+    search, other, length = (SimpleNamespace(found=None, is_smooth=False, shortened=False, begun=lambda: found) for _ in range(3))
+    after = pipeline.cut_anew(lambda model: (other, model, length), search, None, length, Clock(now, now + left, now + left + 20), 60.0)  # type: ignore
+    assert after == ((other, found) if is_cut else (search, None))
+    assert search.found is (None if is_cut else found)
 
 
 @pytest.mark.parametrize("better", [[0.3, 0.3, -0.5], [0.3, 0.3, 0.3], [0.1, 0.1, 0.1, 4.0, 0.1]])
