@@ -31,12 +31,14 @@ class Length:
         settings: of such windows.
         windows: those that the rig repeats, linearised.
         own: some as the rig itself makes them.
+        least: how long it takes to cut as few windows as there may be, s; 0 where nobody hurries.
         shortened: whether they are shorter than the rig repeats, because what is missed is large.
     """
 
     settings: FreeSettings
     windows: Windows
     own: Windows
+    least: float
     shortened: bool = False
 
 
@@ -97,9 +99,9 @@ def longest(
         kept = some.part(repeated)
         if len(kept) >= free.repeats:
             # Drawn anew: those by which they were chosen are no fair sample.
-            return Length(longer, kept, own(kept.part(kept.heads(free.repeats)), 1), shortened)
+            return Length(longer, kept, own(kept.part(kept.heads(free.repeats)), 1), pace * free.repeats * free.window, shortened)
     windows = cut(free, max(_affordable(free, pace, looking), free.repeats))
-    return Length(free, windows, own(windows if len(windows) <= free.few else cut(free, free.few), 0))
+    return Length(free, windows, own(windows if len(windows) <= free.few else cut(free, free.few), 0), pace * free.repeats * free.window)
 
 
 def _lengths(simulator: Simulator, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Iterator[tuple[float, FreeSettings]]:

@@ -5,7 +5,6 @@ motion -> lengths -> windows -> hypotheses -> evidence -> choose -> verdict
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -68,9 +67,7 @@ def diagnose_free(
         choosing = _choosing(length.windows, settings)
         return searching(length, length.windows.part(~choosing), found), length.windows.part(choosing), length
 
-    before_cutting = time.monotonic()
     search, others, length = begun()
-    cutting = time.monotonic() - before_cutting
     test = search.compared()
     if not test.is_mismatch and not clock.late:
         # What shows seldom may show in enough of all: of three windows in which a puck sticks one was kept to choose by.
@@ -79,7 +76,7 @@ def diagnose_free(
         if test.is_mismatch:
             search, others = whole, others.part(others.heads(0))
     if test.is_mismatch:
-        search, others = cut_anew(begun, search, others, length, clock, cutting)
+        search, others = cut_anew(begun, search, others, length, clock)
     answer = search.answer() if test.is_mismatch else search.nothing()
     settings = search.evidence.settings
     if len(others):
@@ -95,20 +92,17 @@ def diagnose_free(
 
 
 def cut_anew(
-    begun: Callable[[Model], tuple[FreeSearch, Windows, Length]], search: FreeSearch, others: Windows, length: Length, clock: Clock, cutting: float
+    begun: Callable[[Model], tuple[FreeSearch, Windows, Length]], search: FreeSearch, others: Windows, length: Length, clock: Clock
 ) -> tuple[FreeSearch, Windows]:
     """`search` and the windows that models are chosen by, cut anew by `begun` beside what is found first for as long as more is, and there is time for it.
 
     What is faint shows in long windows alone, and these answer in proportion beside what is large; what sticks on level ground slides on a slope.
-
-    Args:
-        cutting: how long that took before, s.
     """
     while (length.shortened or not search.is_smooth) and not clock.late:
         before, found = search.found, search.begun()
         if len(found.hypotheses) == (len(before.hypotheses) if before else 0):
             break
-        if clock.lacks(cutting):
+        if clock.within(length.settings.looking).lacks(length.least):
             search.found = found
             break
         search, others, length = begun(found)

@@ -57,6 +57,8 @@ def test_where_a_look_at_windows_takes_more_than_the_time_for_it_there_is_none(t
     assert found.settings == DEFAULT.free
     assert len(found.windows) == len(found.own) == DEFAULT.free.repeats
     assert asked == 2 * DEFAULT.free.repeats
+    # As many of the recorded and of the rig's own, 6 s each.
+    assert found.least == pytest.approx(2 * DEFAULT.free.repeats * 6.0)
 
 
 def test_what_falls_is_looked_at_for_longer(tossed: Tossed) -> None:

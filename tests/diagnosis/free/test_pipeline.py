@@ -102,8 +102,9 @@ def test_where_nothing_is_seen_all_windows_are_looked_at(tossed: Tossed, tmp_pat
 def test_windows_are_cut_anew_only_where_there_is_time_for_it(left: float, is_cut: bool) -> None:
     """A Minitaur's were begun to be cut when the time was nearly up, which took a minute and a half beyond it."""
     now, found = time.monotonic(), Model((Hypothesis(("world",), (Gravity("world", (0.3, 0.0, -9.81)),), None),), ((0.1, 0.0, -9.81),), np.zeros((1, 1)), 0.0)
-    search, other, length = (SimpleNamespace(found=None, is_smooth=False, shortened=False, begun=lambda: found) for _ in range(3))
-    after = pipeline.cut_anew(lambda model: (other, model, length), search, None, length, Clock(now, now + left, now + left + 20), 60.0)  # type: ignore
+    search, other = (SimpleNamespace(found=None, is_smooth=False, begun=lambda: found) for _ in range(2))
+    length = SimpleNamespace(shortened=False, least=60.0, settings=DEFAULT.free)
+    after = pipeline.cut_anew(lambda model: (other, model, length), search, None, length, Clock(now, now + left, now + left + 20))  # type: ignore
     assert after == ((other, found) if is_cut else (search, None))
     assert search.found is (None if is_cut else found)
 
