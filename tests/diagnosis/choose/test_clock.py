@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.envs.compiled import begin_budget
 
 
 def test_the_end_of_a_search_may_take_a_share_of_what_is_left_for_the_verdict() -> None:
@@ -16,7 +15,7 @@ def test_the_end_of_a_search_may_take_a_share_of_what_is_left_for_the_verdict() 
 
 
 def test_what_takes_longer_than_is_left_is_lacking() -> None:
-    now = time.monotonic()
+    now = begin_budget()
     assert Clock(now, now + 50.0, now + 60.0).lacks(55.0)
     assert not Clock(now, now + 50.0, now + 60.0).lacks(45.0)
     assert not Clock(now, np.inf).lacks(1e9)

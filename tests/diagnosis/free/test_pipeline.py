@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,6 +23,7 @@ from mpge_bench.diagnosis.transitions.choose import Answer
 from mpge_bench.diagnosis.transitions.evidence import Comparison, likeness
 from mpge_bench.diagnosis.transitions.fit import Model
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
+from mpge_bench.envs.compiled import begin_budget
 from mpge_bench.envs.effects import ContactFriction, Gravity
 from mpge_bench.envs.errors import UserError
 
@@ -101,7 +101,7 @@ def test_where_nothing_is_seen_all_windows_are_looked_at(tossed: Tossed, tmp_pat
 @pytest.mark.parametrize(("left", "is_cut"), [(30.0, False), (300.0, True)])
 def test_windows_are_cut_anew_only_where_there_is_time_for_it(left: float, is_cut: bool) -> None:
     """A Minitaur's were begun to be cut when the time was nearly up, which took a minute and a half beyond it."""
-    now, found = time.monotonic(), Model((Hypothesis(("world",), (Gravity("world", (0.3, 0.0, -9.81)),), None),), ((0.1, 0.0, -9.81),), np.zeros((1, 1)), 0.0)
+    now, found = begin_budget(), Model((Hypothesis(("world",), (Gravity("world", (0.3, 0.0, -9.81)),), None),), ((0.1, 0.0, -9.81),), np.zeros((1, 1)), 0.0)
     search, other = (SimpleNamespace(found=None, is_smooth=False, begun=lambda: found) for _ in range(2))
     length = SimpleNamespace(shortened=False, least=60.0, settings=DEFAULT.free)
     after = pipeline.cut_anew(lambda model: (other, model, length), search, None, length, Clock(now, now + left, now + left + 20))  # type: ignore
