@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from mpge_bench.envs.effects.effect import Effect, Hidden, Parameter, Scale
 from mpge_bench.envs.effects.joint import Armature
 
 if TYPE_CHECKING:
     from mpge_bench.envs.model import Model
+
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,17 @@ class PositionServo(Effect):
     @classmethod
     def is_everywhere(cls, scale: Scale) -> bool:
         return scale.is_unknown_servo
+
+
+def asked(
+    servos: Sequence[Effect], commands: Mapping[str, Array], q: Mapping[str, Array], dq: Mapping[str, Array], timestep: float
+) -> dict[str, Array]:
+    """What motors are asked for, N m or N, under `commands` to joints of which some have `servos`, renewed at every step; all by joint, shapes (steps,)."""
+    asked = dict(commands)
+    for servo in servos:
+        # A joint's name is as good an index as its number.
+        servo.actuate(asked, servo.target, q, dq, Hidden(timestep))  # type: ignore[arg-type]
+    return asked
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from mpge_bench.envs.articulation import Loop
 from mpge_bench.envs.effects import LinkSize
-from mpge_bench.envs.effects.effect import Effect, Hidden
+from mpge_bench.envs.effects.effect import Effect
 from mpge_bench.envs.layout import BASE_DQ
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.picture import camera_round, distance_for
@@ -113,14 +113,6 @@ class Robot(ABC):
     def command(self, action: Sequence[float]) -> list[float]:
         """What each actuator is commanded under `action`, one number each, within the limits: N m or N, or what the robot's servos take."""
         return list(map(operator.mul, self._gears, action))
-
-    def asked(self, commands: Mapping[str, Array], q: Mapping[str, Array], dq: Mapping[str, Array]) -> dict[str, Array]:
-        """What motors are asked for, N m or N, under `commands` to their joints' servos where there are any; all by joint, shapes (steps,)."""
-        asked = dict(commands)
-        for servo in self.servos:
-            # A joint's name is as good an index as its number.
-            servo.actuate(asked, servo.target, q, dq, Hidden(self.timestep))  # type: ignore[arg-type]
-        return asked
 
     def rise(self, effects: Sequence[Effect]) -> float:
         """How much higher, m, the robot has to start for its feet to be where they are without `effects`, which may have given it longer legs."""

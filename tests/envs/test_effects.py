@@ -77,6 +77,7 @@ from mpge_bench.envs.effects import (
     ViscousFriction,
     effect_from_dict,
 )
+from mpge_bench.envs.effects.actuator import asked
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots.robot import MODELS
@@ -130,8 +131,8 @@ VALUES: dict[str, dict[str, tuple[Any, Any]]] = {
     "link_size": {"length": (1.1, 1.2), "radius": (0.8, 0.9)},
     "load_friction": {"coefficient": (0.1, 0.2)},
     "mass_scale": {"factor": (1.1, 1.2)},
-    "one_way_friction": {"forward": (5.0, 6.0), "backward": (2.0, 3.0)},
     "motor_saturation": {"torque": (30.0, 35.0), "back_emf": (1.0, 2.0)},
+    "one_way_friction": {"forward": (5.0, 6.0), "backward": (2.0, 3.0)},
     "oscillating_torque": {"amplitude": (10.0, 11.0), "frequency": (2.0, 3.0), "phase": (0.5, 1.0)},
     "payload": {"mass": (1.0, 1.5), "distance": (0.3, 0.4)},
     "periodic_friction": {"mean": (10.0, 11.0), "swing": (5.0, 6.0), "waves": (8.0, 9.0), "phase": (0.0, 1.0)},
@@ -442,6 +443,20 @@ def test_what_a_dc_motor_never_reaches_changes_nothing(wheel: Path) -> None:
     assert torque_at(wheel, 3.0, ideal) == pytest.approx(3.0)
     assert torque_at(wheel, 3.0, ideal, dq=2.0) == pytest.approx(3.0 - 0.5**2 / 2.0 * 2.0)
     assert torque_at(wheel, 300.0, dataclasses.replace(ideal, voltage_limit=40.0)) == pytest.approx(0.5 * 40.0 / 2.0)
+
+
+def test_what_the_minitaurs_motors_are_asked_for_is_what_their_servos_make_of_angles() -> None:
+    minitaur, motor = ROBOTS["minitaur"], "motor_front_leftL_joint"
+    stall = 16.0 / 0.186 * 0.0954
+    angles, speeds = (dict.fromkeys(minitaur.joints, np.array(values)) for values in ([0.1, 0.1, 0.0], [0.0, 2.0, 0.0]))
+    found = asked(minitaur.servos, dict.fromkeys(minitaur.actuators, np.array([0.3, 0.3, 9.0])), angles, speeds, minitaur.timestep)
+    assert found.keys() == minitaur.actuators.keys()
+    assert found[motor] == pytest.approx([0.2 * stall, 0.16 * stall, stall])
+
+
+def test_what_motors_without_servos_are_asked_for_is_the_command() -> None:
+    commands = {joint: np.arange(3.0) for joint in ROBOTS["hopper"].actuators}
+    assert asked(ROBOTS["hopper"].servos, commands, {}, {}, 0.002) == commands
 
 
 @given(command=st.floats(-60, 60), speed=st.floats(-20, 20), torque=st.floats(0.5, 20), back_emf=st.floats(0, 2))

@@ -219,20 +219,6 @@ def test_the_ant_sees_what_gyms_ant_sees(seed: int, gyms_ant: Any, put: Callable
     assert ant.observation(q, dq) == pytest.approx(gyms_ant._get_obs(), abs=1e-12)
 
 
-def test_what_the_minitaurs_motors_are_asked_for_is_what_their_servos_make_of_angles() -> None:
-    minitaur, motor = ROBOTS["minitaur"], "motor_front_leftL_joint"
-    stall = 16.0 / 0.186 * 0.0954
-    angles, speeds = (dict.fromkeys(minitaur.joints, np.array(values)) for values in ([0.1, 0.1, 0.0], [0.0, 2.0, 0.0]))
-    asked = minitaur.asked(dict.fromkeys(minitaur.actuators, np.array([0.3, 0.3, 9.0])), angles, speeds)
-    assert asked.keys() == minitaur.actuators.keys()
-    assert asked[motor] == pytest.approx([0.2 * stall, 0.16 * stall, stall])
-
-
-def test_what_motors_without_servos_are_asked_for_is_the_command() -> None:
-    commands = {joint: np.arange(3.0) for joint in ROBOTS["hopper"].actuators}
-    assert ROBOTS["hopper"].asked(commands, {}, {}) == commands
-
-
 def test_what_the_minitaur_sees() -> None:
     minitaur = ROBOTS["minitaur"]
     motors, speeds = np.linspace(1.0, 2.0, 8), np.linspace(-3.0, 3.0, 8)

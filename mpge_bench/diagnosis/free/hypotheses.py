@@ -15,6 +15,7 @@ from mpge_bench.diagnosis.free.simulator import Simulator
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis, Scales, listed, moved_links
 from mpge_bench.envs.effects import CATALOGUE, Scale
+from mpge_bench.envs.effects.actuator import asked
 
 Array = npt.NDArray[np.float64]
 
@@ -90,18 +91,9 @@ def _scales(simulator: Simulator, recordings: Sequence[Recording], motions: Sequ
 
 def _delivered(rig: Rig, commands: dict[str, Array], turns: dict[str, Array], speeds: dict[str, Array]) -> dict[str, Array]:
     """Torques that motors are believed to have delivered, 0 of joints that have none; all by joint, shapes (rows,)."""
-    if rig.robot:
-        return dict.fromkeys(rig.joints, np.zeros(1)) | rig.robot.asked({joint: commands[joint] for joint in rig.driven}, turns, speeds)
-    return {joint: _of_motor(rig, joint, commands[joint], turns[joint], speeds[joint]) for joint in rig.joints}
-
-
-def _of_motor(rig: Rig, joint: str, commands: Array, turns: Array, speeds: Array) -> Array:
-    """That of one `joint`'s, shape (rows,)."""
-    if rig.modes[joint] == "passive":
-        return np.zeros(1)
-    servo = rig.servo(joint)
-    # NaN is a servo switched off.
-    return np.nan_to_num(servo.kp * (commands - turns) - servo.kd * speeds) if servo else commands
+    servos = rig.robot.servos if rig.robot else [servo for joint in rig.driven if (servo := rig.servo(joint))]
+    driven = {joint: commands[joint] for joint in rig.driven}
+    return dict.fromkeys(rig.joints, np.zeros(1)) | asked(servos, driven, turns, speeds, rig.timestep)
 
 
 def _rms(values: Array) -> float:

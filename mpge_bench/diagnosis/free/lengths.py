@@ -106,8 +106,8 @@ def longest(
 
 def _lengths(simulator: Simulator, recordings: Sequence[Recording], settings: DiagnosisSettings) -> Iterator[tuple[float, FreeSettings]]:
     """How many times as long as the shortest windows may be, and settings of as long ones, of which `recordings` have enough."""
-    rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, settings.free))
     free = settings.free
+    rows = max(1, min(len(one.time) for one in recordings) - 1 - unprimed(simulator, free))
     for times in free.longer:
         pieces = math.ceil(rows * simulator.period / (times * free.window))
         if pieces * len(recordings) >= free.repeats:

@@ -12,6 +12,7 @@ from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.episodes import Episodes
 from mpge_bench.diagnosis.transitions.replay import environment
 from mpge_bench.envs.effects import CATALOGUE, Effect, Scale
+from mpge_bench.envs.effects.actuator import asked
 from mpge_bench.envs.effects.vector import bounds_of, parameters_of, with_parameters, within_bounds
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.robots import Robot
@@ -156,7 +157,7 @@ def _scales(robot: Robot, model: Model, episodes: Episodes, settings: ReplaySett
     q, dq = layout.q(states)[:, first:], layout.dq(states)[:, layout.nv - layout.joints :]
     commands = np.array([robot.command(action) for action in episodes.actions.tolist()])
     turns, speeds = (dict(zip(robot.joints, values.T, strict=True)) for values in (q, dq))
-    own = robot.asked(dict(zip(robot.actuators, commands.T, strict=True)), turns, speeds)
+    own = asked(robot.servos, dict(zip(robot.actuators, commands.T, strict=True)), turns, speeds, robot.timestep)
     touching = model.touching() if robot.friction is not None else ()
     shortest = int(episodes.counts.min())
     losses = robot.load().take_losses()
