@@ -49,6 +49,7 @@ _REST = """\
 # noise: {q: 0.0005, dq: 0.005}                # what is known of the sensors: one standard deviation, rad (m) and rad/s (m/s); if not said, it is estimated
 # effects:                                     # what else the simulator is to believe in, such as friction; docs/recordings.md
 #   - {effect: viscous_friction, target: JOINT, damping: 0.2}
+# certain: [gravity, mass_scale:LINK]          # what was measured well: effects, on everything or on one joint or link, that are not looked for
 """
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.data.rig_file import ADVICE, check_joints, check_mode, gravity_of, ground_of, listed_of, mapping_of, noise_of, number_of
+from mpge_bench.diagnosis.data.rig_file import ADVICE, certain_of, check_joints, check_mode, gravity_of, ground_of, listed_of, mapping_of, noise_of, number_of
 from mpge_bench.envs import ROBOTS, stated_task
 from mpge_bench.envs.effects import (
     Armature,
@@ -61,6 +61,7 @@ class Rig:
         data: the YAML file's content.
         ground: whether there is ground to touch. How it rubs and bounces stands in the model's links.
         robot: of the benchmark, which then says all the rest; None of a rig's own.
+        certain: effects, by name or as name:target, that are as the rig says and are not looked for.
     """
 
     path: Path
@@ -75,6 +76,7 @@ class Rig:
     data: Mapping[str, Any]
     ground: bool = False
     robot: Robot | None = None
+    certain: frozenset[str] = frozenset()
 
     @property
     def is_tree(self) -> bool:
@@ -115,6 +117,15 @@ class Rig:
         if len(alike) > 1 and effect.adds:
             return total(alike)
         return alike[-1] if alike else None
+
+    def is_certain(self, name: str, targets: Sequence[str]) -> bool:
+        """Whether the rig is certain of effect `name` on one of `targets`; ``"*"`` stands for all that it acts on."""
+        on_any = "*" in targets and any(one.startswith(f"{name}:") for one in self.certain)
+        return on_any or name in self.certain or any(f"{name}:{target}" in self.certain for target in targets)
+
+    def certain_line(self) -> list[str]:
+        """What the rig is certain of, in a sentence; none if there is nothing."""
+        return [f"Not looked for, as the rig is certain of it: {', '.join(sorted(self.certain))}."] if self.certain else []
 
     def absent(self, effects: Sequence[Effect]) -> npt.NDArray[np.float64]:
         """Values of all parameters of `effects` at which they change nothing: the rig's own or, where it has none, those at which they vanish."""
@@ -210,7 +221,9 @@ def _registered(path: Path, data: Mapping[str, Any]) -> Rig:
     motors = "position" if robot.servos else "torque"
     modes = {joint: motors if joint in robot.actuators else "passive" for joint in robot.joints}
     gravity, noise, listed = (0.0, 0.0, robot.gravity), noise_of(path, data), listed_of(path, data)
-    return Rig(path, robot.load(), tuple(robot.joints), modes, robot.timestep, robot.dt, gravity, noise, listed, data, robot.friction is not None, robot)
+    model, joints, ground = robot.load(), tuple(robot.joints), robot.friction is not None
+    certain = certain_of(path, data, {*joints, *model.moving_links()})
+    return Rig(path, model, joints, modes, robot.timestep, robot.dt, gravity, noise, listed, data, ground, robot, certain)
 
 
 def _described(path: Path, data: Mapping[str, Any]) -> Rig:
@@ -250,6 +263,7 @@ def _described(path: Path, data: Mapping[str, Any]) -> Rig:
         (*_uncorrected(nominal, listed), *listed),
         data,
         ground is not None,
+        certain=certain_of(path, data, {*joints, *model.moving_links()}),
     )
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 from mpge_bench.envs.custom import effects_in
-from mpge_bench.envs.effects import Effect
+from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.reading import at, yaml_of
@@ -17,8 +17,8 @@ from mpge_bench.envs.reading import at, yaml_of
 ADVICE = "give a YAML file as docs/recordings.md describes"
 #: Physics steps and rows come no faster, s: with steps of a thousandth of it a second would be simulated for hours.
 _SHORTEST = 1e-6
-_KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects"}
-_TASK_KEYS = {"task", "noise", "effects"}
+_KEYS = {"robot", "base", "gravity", "timestep", "record_period", "joints", "ground", "noise", "effects", "certain"}
+_TASK_KEYS = {"task", "noise", "effects", "certain"}
 _MODES = {"torque": (set(), set()), "position": ({"kp"}, {"kd", "servo_period"}), "passive": (set(), set())}
 
 
@@ -98,6 +98,20 @@ def listed_of(path: Path, data: Mapping[str, Any]) -> tuple[Effect, ...]:
     if not isinstance(listed, list):
         raise UserError(f"{at(path, 'effects')}: effects is {listed!r}; give a list")
     return effects_in(path, listed)
+
+
+def certain_of(path: Path, data: Mapping[str, Any], places: Collection[str]) -> frozenset[str]:
+    """Effects that the rig is certain of, by their names, or by name and target of those on one of its `places` (joints and links)."""
+    listed = data.get("certain") or []
+    if not isinstance(listed, list):
+        raise UserError(f"{at(path, 'certain')}: certain is {listed!r}; give a list of effects, such as [gravity, mass_scale:upper]")
+    for one in listed:
+        name, colon, target = one.partition(":") if isinstance(one, str) else (one, "", "")
+        if not isinstance(name, str) or name not in CATALOGUE:
+            raise UserError(f"{at(path, 'certain')}: certain has {one!r}; an effect is one of {', '.join(sorted(CATALOGUE))}, alone or as effect:target")
+        if colon and target not in places:
+            raise UserError(f"{at(path, 'certain')}: certain has {one!r}; what effects act on is one of {', '.join(sorted(places))}")
+    return frozenset(listed)
 
 
 def _is_number(value: Any) -> bool:

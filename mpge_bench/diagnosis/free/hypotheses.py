@@ -28,6 +28,7 @@ def hypotheses(simulator: Simulator, recordings: Sequence[Recording], motions: S
     # A benchmark robot's other joints are its root, which no joint is.
     joints = rig.driven if rig.robot else rig.joints
     found = listed(kinds, rig.driven, joints, moved_links(rig.model), _scales(simulator, recordings, motions, settings), rig.model.touching())
+    found = [one for one in found if not rig.is_certain(*one.key)]
     return [replace(one, absent=tuple(rig.absent(one.starts[:1]))) if rig.own(one.starts[0]) else one for one in found]
 
 

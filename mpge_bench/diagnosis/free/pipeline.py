@@ -165,7 +165,7 @@ def beside_equals(search: FreeSearch, answer: Answer, settled: Model) -> tuple[A
 
 def _checks(recordings: Sequence[Recording], rig: Rig, noise: Noise) -> tuple[str, ...]:
     """What the look at the data said."""
-    lines = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all."]
+    lines = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all.", *rig.certain_line()]
     base = rig.layout.nv - len(rig.joints)
     if base:
         place, turn = (float(noise.q[part].max()) for part in (slice(0, 3), slice(3, 6)))

@@ -94,6 +94,8 @@ def candidates(rig: Rig, scales: Mapping[str, Scale], *, formulas: bool = False)
         if kind.asks_states or kind.is_formula is not formulas:
             continue
         for target in candidate_targets(rig, name):
+            if rig.is_certain(name, [target]):
+                continue
             starts = _starts(rig, [within_bounds(kind, target, start) for start in kind.starts(scales[carrier(rig, target)])])
             if starts:
                 found.append(Candidate(name, target, starts))

@@ -73,6 +73,17 @@ def test_a_rig_may_be_a_robot_of_the_benchmark_by_its_name_or_by_a_pairs(tmp_pat
     assert "unknown task 'hoper'" in refusal(tmp_path / "rig.yaml")
 
 
+def test_a_rig_is_certain_of_effects_on_all_or_on_one_thing_and_keeps_that(tmp_path: Path) -> None:
+    rig = read_rig(write_rig(tmp_path, certain=["gravity", "delay:elbow"]))
+    assert rig.is_certain("gravity", ["world"])
+    assert [rig.is_certain("delay", [target]) for target in ("elbow", "shoulder")] == [True, False]
+    # All motors late by the same would be that one, too.
+    assert rig.is_certain("delay", ["*"])
+    assert rig.is_certain("delay", ["shoulder", "elbow"])
+    assert not rig.is_certain("lag", ["*"])
+    assert rig.corrected([], "arm.urdf")["certain"] == ["gravity", "delay:elbow"]
+
+
 def test_the_grounds_friction_is_that_of_the_contact(tmp_path: Path) -> None:
     """Times the link's own where the robot's file gives some."""
     for contact, friction in (("", 0.4), ('<contact><lateral_friction value="0.5"/></contact>', 0.2)):
@@ -109,14 +120,14 @@ def test_a_joints_losses_become_effects(tmp_path: Path) -> None:
     [
         ({"robot": None}, "no key 'robot'"),
         ({"joints": None}, "no key 'joints'"),
-        ({"gravty": [0, 0, -9.81]}, "unknown key 'gravty'; a rig has base, effects, gravity"),
+        ({"gravty": [0, 0, -9.81]}, "unknown key 'gravty'; a rig has base, certain, effects, gravity"),
         ({"robot": 3}, "robot is 3; give the path"),
         ({"robot": "nowhere.urdf"}, "nowhere.urdf: not a readable URDF or MJCF file"),
         ({"base": "loose"}, "base is 'loose'; choose fixed or free"),
         ({"ground": 0.8}, "ground is 0.8; give numbers of at least 0, such as {friction: 0.8"),
         ({"ground": {"friction": -1}}, "ground is .*give numbers of at least 0"),
         ({"ground": {"stiffness": 1}}, "ground is .*give numbers of at least 0"),
-        ({"task": "hopper"}, "unknown key 'joints'; a rig of a robot of the benchmark has effects, noise, task"),
+        ({"task": "hopper"}, "unknown key 'joints'; a rig of a robot of the benchmark has certain, effects, noise, task"),
         ({"timestep": 0}, "timestep is 0; give a number of seconds, at least 1e-06"),
         ({"timestep": 5e-324}, "timestep is 5e-324; give a number of seconds"),
         ({"timestep": "1 ms"}, "timestep is '1 ms'; give a number of seconds"),
@@ -144,6 +155,10 @@ def test_a_joints_losses_become_effects(tmp_path: Path) -> None:
         ({"effects": [{"effect": "torque_gain", "target": "elbow"}]}, r"effects\[0\]: effect torque_gain takes gain, target; got target"),
         ({"effects": [{"effect": "torque_gain", "target": "wrist", "gain": 1.0}]}, "effect torque_gain: no joint 'wrist'; the model has shoulder, elbow"),
         ({"effects": [{"effect": "mass_scale", "target": "hand", "factor": 1.0}]}, "no link 'hand'"),
+        ({"certain": "gravity"}, r"certain is 'gravity'; give a list of effects, such as \[gravity"),
+        ({"certain": ["weight"]}, "certain has 'weight'; an effect is one of air_drag, "),
+        ({"certain": [3]}, "certain has 3; an effect is one of"),
+        ({"certain": ["mass_scale:hand"]}, "certain has 'mass_scale:hand'; what effects act on is one of elbow, lower, shoulder, upper"),
     ],
 )
 def test_what_is_wrong_with_a_rig_is_one_line(tmp_path: Path, changes: dict[str, Any], says: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -32,6 +34,12 @@ def test_no_start_is_absent(found: dict[str, Hypothesis]) -> None:
     for one in found.values():
         if one.absent is not None:
             assert all(not np.array_equal(one.absent, [getattr(start, name) for name in start.parameters]) for start in one.starts)
+
+
+def test_what_the_rig_is_certain_of_is_not_looked_for(swung: Tossed, found: dict[str, Hypothesis]) -> None:
+    simulator, recordings, motions, _ = measured(swung(falls=2))
+    certain = replace(simulator, rig=replace(simulator.rig, certain=frozenset({"gravity", "delay:hinge"})))
+    assert {*found} - {one.label for one in hypotheses(certain, recordings, motions, DEFAULT)} == {"gravity:world", "delay:hinge"}
 
 
 def test_one_body_that_falls_and_has_no_shape_has_a_size(tossed: Tossed) -> None:

@@ -45,6 +45,15 @@ def test_a_servo_is_looked_for_where_the_rig_has_one_as_often_renewed(tmp_path: 
     assert found.starts == (PositionServo("shoulder", 24.0, 0.5, 0.002), PositionServo("shoulder", 20.0, 0.6, 0.002))
 
 
+def test_what_the_rig_is_certain_of_is_not_looked_for(tmp_path: Path) -> None:
+    every, fewer = (
+        {one.label for one in candidates(rig, posed(rig, seconds=1.0).scales)}
+        for rig in (read_rig(write_rig(tmp_path, certain=certain)) for certain in ([], ["gravity", "sensor_bias", "delay:elbow"]))
+    )
+    assert every - fewer == {"gravity:world", "sensor_bias:shoulder", "sensor_bias:elbow", "delay:elbow", "delay:*"}
+    assert not fewer - every
+
+
 def test_every_formula_is_looked_for_where_formulas_are(rig: Rig) -> None:
     found = candidates(rig, posed(rig, seconds=1.0).scales, formulas=True)
     assert {one.name for one in found} == {name for name, kind in CATALOGUE.items() if kind.is_formula}
