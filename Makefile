@@ -28,6 +28,7 @@ slow: .venv/.test
 check: .venv/.test
 	@.venv/bin/python -m ruff check .
 	@.venv/bin/python -m mypy
+	@.venv/bin/python -m mypy benchmarks
 
 clean:
 	@rm -rf .venv .uv build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Any
 
 import mujoco
 from rich.console import Console
@@ -114,7 +115,7 @@ def parsed(line: str) -> Case:
     name, mechanism, options, effects = (part.strip() for part in line.split("|"))
     found = []
     for words in (text.split() for text in effects.split("+") if text):
-        values = dict(word.split("=") for word in words[2:])
+        values: dict[str, Any] = dict(word.split("=") for word in words[2:])
         for key, text in values.items():
             values[key] = text if text.isalpha() else [float(x) for x in text.split(",")] if "," in text else float(text)
         found.append(Effect(words[0], words[1], values))

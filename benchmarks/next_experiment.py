@@ -113,7 +113,7 @@ def table(out: Annotated[Path, typer.Option(help="Folder of `run`.")] = Path("ru
 
 
 def _share(rows: pd.DataFrame, column: str) -> str:
-    found = rows[column].dropna() if column in rows else []
+    found = rows.get(column, pd.Series(dtype=float)).dropna()
     if not len(found):
         return "-"
     low, high = wilson(int(sum(found)), len(found))

@@ -110,7 +110,7 @@ def lose_a_node(out: Path, seeds: int) -> tuple[dict[str, int], list[str]]:
             raise SystemExit(f"the sweep failed: {log(out).read_text()}")
         return seen, [f"node, {len(seen)} runs done"]
     finally:
-        cluster.shutdown()
+        cluster.shutdown()  # type: ignore[no-untyped-call]
 
 
 def differences(one: Path, other: Path) -> list[str]:

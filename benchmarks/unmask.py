@@ -109,7 +109,7 @@ def _told(task: Task, target: Episodes, own: Episodes) -> list[bool]:
     def described(effects: Sequence[Effect]) -> float:
         return description(replay.residuals(in_order(effects), rows), 0, settings)
 
-    truth, found = described(task.effects), {}
+    truth, found = described(task.effects), dict[Effect, bool]()
     for one in task.effects:
         rest = [other for other in task.effects if replace(other, target=one.target) != one]
         found[one] = found.get(one) or described(rest) > truth + settings.material

@@ -114,7 +114,7 @@ def _grounded(task: str, samples: int, seed: int, changes: tuple[str, ...]) -> d
     }
 
 
-def _actions(problem: Any, count: int) -> np.ndarray[Any, Any]:
+def _actions(problem: Problem, count: int) -> np.ndarray[Any, Any]:
     return np.random.default_rng(0).uniform(-1, 1, (count, len(problem.robot.actuators))) * problem.robot.action_limit
 
 

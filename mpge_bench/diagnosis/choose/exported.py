@@ -90,7 +90,7 @@ def exported_error(problem: Problem, recordings: Sequence[Recording]) -> Exporte
     return error
 
 
-def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect], each: Each) -> tuple[Effect, ...]:
+def best_exported(problem: Problem, recordings: Sequence[Recording], effects: Sequence[Effect], each: Each = IN_TURN) -> tuple[Effect, ...]:
     """`effects` with parameters, sought from their own by least squares, under which the error on `recordings` is least."""
     settings = problem.settings.fit
     return sought(ExportedMisses(problem, recordings), effects, settings.evaluations, settings, each)[0]
