@@ -76,7 +76,7 @@ def summary(
             which = "" if alone else f" what the formula of {' and '.join(dict.fromkeys(one.target for one in formulas))} says"
             lines.append(f"No physics of the catalogue does{which or ' that'}: it is a formula that the recordings follow{left}")
         elif verdict == "partly_explained":
-            lines.append("Named physics explains only part of it; see the report for where the rest shows.")
+            lines.append("Named physics explains only part of it; see the report for where the rest shows." + _measurable([effect for effect, _ in named]))
         out = [one for one in rivals if (one.log_evidence_behind or 0.0) > settings.ruled_out and one.effects != ("nothing",)][: settings.listed]
         if out and (named or curves):
             answer = tuple(label([effect]) for effect in (*(effect for effect, _ in named), *curves))
@@ -84,6 +84,14 @@ def summary(
     if cut:
         lines.append(f"The time budget cut short: {', '.join(cut)}. This is the best answer so far.")
     return tuple(lines)
+
+
+def _measurable(effects: Sequence[Effect]) -> str:
+    """What to do where effects are named that people can weigh and measure, as they stand in for what has no name; empty if there are none."""
+    found = dict.fromkeys(label([effect]).removesuffix(":world") for effect in effects if effect.on in ("link", "world"))
+    if not found:
+        return ""
+    return f" What has no name may be taken for what was measured: if that is so here, add `certain: [{', '.join(found)}]` to the rig, and diagnose again."
 
 
 def _told(effects: Sequence[str], answer: Sequence[str], settings: VerdictSettings) -> str:

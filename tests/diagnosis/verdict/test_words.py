@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict import words
 from mpge_bench.diagnosis.verdict.result import Accuracy, Errors
 from mpge_bench.diagnosis.verdict.words import quiet_lines
-from mpge_bench.envs.effects import TorqueLimit
+from mpge_bench.envs.effects import Armature, Gravity, MassScale, TorqueLimit
 
 from ..conftest import write_case
 
@@ -43,6 +43,13 @@ def test_what_only_the_held_out_recording_shows_is_said(tmp_path: Path) -> None:
     found = diagnose_files(rig, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1)
     assert found.data["verdict"] == "no_mismatch"
     assert "give that recording first" in found.summary[2]
+
+
+def test_what_people_can_measure_they_are_asked_to_be_certain_of() -> None:
+    """A measured servo was said to be in gravity of 6.5 m/s²: certain of gravity and load it has a rotor."""
+    named = [Armature("hinge", 0.1), Gravity("world", (0.0, 0.0, -6.5)), MassScale("arm", 1.2)]
+    assert "`certain: [gravity, mass_scale:arm]`" in words._measurable(named)
+    assert not words._measurable(named[:1])
 
 
 ANSWER = tuple(f"{kind}:{leg}" for kind in ("coulomb_friction", "armature") for leg in ("a", "b", "c", "d"))
