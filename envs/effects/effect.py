@@ -219,7 +219,7 @@ class Effect:
     in_contact: ClassVar[bool] = False
     #: True where it decides what becomes of a start, as a soft ground does of how deep a body sits in it: of other starts than its own it makes nonsense.
     moves_starts: ClassVar[bool] = False
-    #: The effect that it is where what it acts on is all that moves.
+    #: The effect that it is where what it acts on is all that moves: a force on it is gravity, a late sensor of it a late motor.
     on_all_is: ClassVar[str] = ""
     #: True where two of them on one target are one with the sums of their parameters.
     adds: ClassVar[bool] = False

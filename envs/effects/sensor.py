@@ -75,6 +75,7 @@ class SensorDelay(Effect):
 
     name = "sensor_delay"
     sentence = "The {target}'s sensor is {seconds} late."
+    on_all_is = "delay"
     adds = True
     on = "sensor"
     parameters = {"seconds": Parameter("s", 0.0, 1.0)}

@@ -19,7 +19,7 @@ from mpge_bench.diagnosis.choose.simplest import without_idle
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.told import spanned, unit_length
-from mpge_bench.diagnosis.hypotheses.candidates import key, label
+from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key, label
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import CATALOGUE, Effect
 from mpge_bench.envs.effects.vector import parameters_of
@@ -190,8 +190,18 @@ class _Columns:
             distances = [remainder(left, option, one_sided=candidate.kind.is_one_sided()) for option in options]
             best = int(np.argmin(distances))
             start = candidate.starts[best]
-            is_sum = len(options[best]) > len(parameters_of(start))
-            yield Twin((*others, start), replaced, distances[best] / self._scale, float(np.linalg.norm(own)) / self._scale, is_sum)
+            is_sum, change = len(options[best]) > len(parameters_of(start)), float(np.linalg.norm(own)) / self._scale
+            if self._is_the_same(candidate, replaced):
+                yield Twin((*others, start), replaced, 0.0, change)
+            else:
+                yield Twin((*others, start), replaced, distances[best] / self._scale, change, is_sum)
+
+    def _is_the_same(self, candidate: Candidate, replaced: tuple[Effect, ...]) -> bool:
+        """Whether a `candidate` is the one effect `replaced`, since the joint is all that moves: what simulators make of parts of a step tells nothing."""
+        modes = self._trials.problem.rig.modes.values()
+        if len(replaced) > 1 or len(modes) > 1 or "position" in modes:
+            return False
+        return candidate.kind.on_all_is == replaced[0].name or replaced[0].on_all_is == candidate.name
 
     def beyond(self, difference: Array) -> float:
         """Length of what of a `difference` between predictions neither the model's parameters nor nuisances make up."""

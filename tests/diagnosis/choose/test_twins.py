@@ -26,6 +26,7 @@ from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.diagnosis.verdict.confusions import confusions
 from mpge_bench.envs.effects import (
     Armature,
+    BackEmfLimit,
     ComOffset,
     DeadZone,
     Delay,
@@ -155,7 +156,7 @@ def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Ca
     _, fitter, candidates = made(Armature("hinge", 0.03))
     fit = fitter.fit([InertiaScale("arm", 1.5)])
     chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, np.ones(len(fit.cost)), 1, (), np.ones(1), 1.96, np.zeros(fit.size))
-    problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
+    problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter, rig=fitter.predictor.linear.rig)
     trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
     found = twins(trials, chosen)
     assert {one.effects[-1].name for one in found} == {one.name for one in candidates} - {"inertia_scale"}
@@ -214,7 +215,7 @@ def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Mad
     alike = fitter.predictor.change(fit.effects)[None] / 100
     monkeypatch.setattr(fitter.nuisances, "forgiven", lambda effects: alike)
     fitter.free = alike
-    problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter)
+    problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter, rig=fitter.predictor.linear.rig)
     trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
     distance = {one.effects[-1].name: one.distance for one in twins(trials, chosen)}
     assert distance["coulomb_friction"] > 10
@@ -241,6 +242,14 @@ def test_what_the_linearised_simulator_is_unsure_of_is_fitted(tmp_path: Path) ->
     alike = {chosen.name, *(label.split(":")[0] for pair in found.data["indistinguishable"] for label in pair)}
     assert {"gravity", "com_offset", "sensor_bias"} <= alike
     assert found.data["effects"][0]["confidence"] <= 0.5
+
+
+def test_a_late_sensor_of_the_only_joint_is_a_late_motor_whatever_limits_that(tmp_path: Path) -> None:
+    """Behind a motor that runs out of voltage they were told apart by seven standard deviations, of 1,400 that they change: by parts of a physics step."""
+    hidden = BackEmfLimit("hinge", 1.0, 4.3), Delay("hinge", 0.0235)
+    trials = searching(posed(read_rig(write_case(tmp_path, [*hidden])), *hidden, seconds=4.0))
+    (late,) = [one for one in twins(trials, as_it_is(trials.problem, hidden)) if key(one.effects) == {"back_emf_limit:hinge", "sensor_delay:hinge"}]
+    assert late.distance == 0 < late.change
 
 
 @pytest.mark.slow
