@@ -37,6 +37,7 @@ from mpge_bench.envs.effects import (
     Lag,
     MassScale,
     Payload,
+    PeriodicTorque,
     SensorBias,
     SensorDelay,
     TorqueBias,
@@ -250,6 +251,15 @@ def test_a_late_sensor_of_the_only_joint_is_a_late_motor_whatever_limits_that(tm
     trials = searching(posed(read_rig(write_case(tmp_path, [*hidden])), *hidden, seconds=4.0))
     (late,) = [one for one in twins(trials, as_it_is(trials.problem, hidden)) if key(one.effects) == {"back_emf_limit:hinge", "sensor_delay:hinge"}]
     assert late.distance == 0 < late.change
+
+
+def test_what_stands_in_is_as_large_as_is_best(tmp_path: Path) -> None:
+    """From a fifth of it a fit of a bias of -1.46 N m stuck far from the noise, and a wave as long as there are stayed the answer."""
+    wave = PeriodicTorque("hinge", 1.46, 0.05, -np.pi / 2)
+    trials = searching(posed(read_rig(write_case(tmp_path, [wave])), wave, seconds=4.0))
+    (bias,) = [one.effects[-1] for one in twins(trials, as_it_is(trials.problem, [wave])) if key(one.effects) == {"torque_bias:hinge"}]
+    assert isinstance(bias, TorqueBias)
+    assert bias.torque == pytest.approx(-1.46, rel=0.3)
 
 
 @pytest.mark.slow
