@@ -18,7 +18,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates
-from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, Payload, SensorDelay, TorqueGain
+from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, JointElasticity, Payload, SensorDelay, TorqueGain
 from mpge_bench.envs.effects.vector import parameters_of
 
 from ..conftest import posed
@@ -47,6 +47,17 @@ def test_from_nothing_and_from_what_is_wrong_the_way_leads_to_what_is_hidden(ask
     assert found.key == {"torque_gain:shoulder", "coulomb_friction:elbow"}
     for effect, true in zip(sorted(found.effects, key=lambda one: one.target), sorted(HIDDEN, key=lambda one: one.target), strict=True):
         assert parameters_of(effect) == pytest.approx(parameters_of(true), rel=0.05)
+
+
+def test_what_a_plainer_form_does_as_well_is_that(rig: Rig) -> None:
+    """An elastic drive of 360,000 N m/rad was a hobby servo's rotor."""
+    hidden = TorqueGain("shoulder", 0.6), Armature("shoulder", 0.1)
+    trials = _trials(posed(rig, *hidden, seconds=3.0, noise=1e-4), "armature", "joint_elasticity", "torque_gain")
+    misses = ExportedMisses(trials.problem, trials.problem.recordings)
+    stiff = hidden[0], JointElasticity("shoulder", 3e5, 100.0, 0.1)
+    point = restarts.fitted(misses, trials.problem.settings.fit, trials.settings.restart_evaluations, stiff)
+    found = restarts._without_needless(trials, misses, point).effects
+    assert {(type(one), one.target) for one in found} == {(type(one), one.target) for one in hidden}
 
 
 @pytest.mark.slow
