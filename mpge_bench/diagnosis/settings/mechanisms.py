@@ -166,7 +166,7 @@ class ChooseSettings:
     touched: float = setting(0.02, "share of a window's sum of squares", "by which it differs where two models predict it differently")
     few_touched: int = setting(3, "windows", "with no more than these touched, all windows are taken")
     slight: float = setting(0.005, "share of a joint's or motor's torque", "what two simulators differ in is often mended by tiny stiffness or play: no effect")
-    decisive: float = setting(1.2, "times", "what changes no torque must lower what is missed by as much, what is nearly slight by next to nothing")
+    decisive: float = setting(1.5, "times", "what changes no torque must lower what is missed by as much, what is nearly slight by next to nothing")
     beam: int = setting(3, "models", "are followed up in each round")
     most: int = setting(6, "effects", "of a model, at most")
     tried: tuple[int, int, int] = setting((12, 8, 5), "candidates", "fitted in the first round; later beside the best model; beside the others")
