@@ -78,7 +78,7 @@ def main() -> None:
                 recordings = [str(arguments.folder / name / "*.parquet")]
                 diagnose_files(rig, recordings, out, seconds=arguments.seconds, jobs=arguments.jobs, progress=progress)
     print("| machine | found | published | held-out error, 0.5 s: before | after | published values | noise |\n|---|---|---|---|---|---|---|")
-    for name, said in ((name, PUBLISHED[name]) for name in names):
+    for name in names:
         data = json.loads((arguments.out / name / "diagnosis.json").read_text())
         found = []
         for one in data["effects"]:
@@ -93,7 +93,7 @@ def main() -> None:
         held = data["fit"]["held_out"]
         told = f"{published_error(arguments.folder / name):.3g}"
         errors = " | ".join((f"{held['before']:.3g}", f"{held['after']:.3g}", told, f"{held['noise_floor']:.3g}"))
-        print(f"| {name} ({data['verdict']}) | {'; '.join(found) or 'nothing'} | {said} | {errors} |")
+        print(f"| {name} ({data['verdict']}) | {'; '.join(found) or 'nothing'} | {PUBLISHED[name]} | {errors} |")
 
 
 def _certain(folder: Path, out: Path) -> Path:

@@ -191,10 +191,8 @@ class _Columns:
             best = int(np.argmin(distances))
             start = self._sized(candidate, columns, left) if candidate.measure else candidate.starts[best]
             is_sum, change = len(options[best]) > len(parameters_of(start)), float(np.linalg.norm(own)) / self._scale
-            if self._is_the_same(candidate, replaced):
-                yield Twin((*others, start), replaced, 0.0, change)
-            else:
-                yield Twin((*others, start), replaced, distances[best] / self._scale, change, is_sum)
+            is_same = self._is_the_same(candidate, replaced)
+            yield Twin((*others, start), replaced, 0.0 if is_same else distances[best] / self._scale, change, is_sum and not is_same)
 
     def _sized(self, candidate: Candidate, columns: Array, wanted: Array) -> Effect:
         """The start of a `candidate` that comes nearest to what is `wanted`, as large as is best to first order.
