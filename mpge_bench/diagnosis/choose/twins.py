@@ -300,11 +300,11 @@ def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: s
 def _is_as_good(trials: Trials, chosen: Model, model: Model, twin: Twin) -> bool:
     """Whether `model`, which `twin` came to, predicts as well as `chosen`.
 
-    Of the same physics by what both were fitted to: on other windows they differ by where fits stopped.
+    Of the same physics what both were fitted to is enough: on other windows they differ by where fits stopped.
     """
-    if twin.distance < trials.settings.same:
-        fitted = ~trials.problem.validation
-        return model.level_beside(chosen, fitted) <= (1 + trials.settings.material) * chosen.level_beside(model, fitted)
+    fitted = ~trials.problem.validation
+    if twin.distance < trials.settings.same and model.level_beside(chosen, fitted) <= (1 + trials.settings.material) * chosen.level_beside(model, fitted):
+        return True
     return not trials.is_better(model, chosen)
 
 
