@@ -39,8 +39,9 @@ def grow(trials: Trials, screening: Screening) -> None:
     if not drafts:
         return
     _renew_noise(trials, drafts[0])
-    beside: Beam = []
-    if drafts[0].overall > settings.coarse:
+    if drafts[0].overall <= settings.coarse:
+        beside = held(trials, settings.stands)
+    else:
         if lone_formula(trials):
             return
         if drafts[0].overall < settings.leads * trials.nominal.overall:
@@ -48,7 +49,7 @@ def grow(trials: Trials, screening: Screening) -> None:
             if min(one.overall for one in trials.models) < settings.coarse:
                 return
             begun = time.monotonic()
-        beside = held(trials)
+        beside = held(trials, settings.rests)
         if min((model.overall for model, _ in beside), default=np.inf) < settings.holding_leads * trials.nominal.overall:
             # What holds a joint fast hides what else there is, and nothing on all joints comes near without it.
             _follow(trials, _added(trials, beside), begun)

@@ -19,12 +19,16 @@ from mpge_bench.envs.effects.vector import within_bounds
 Array = npt.NDArray[np.float64]
 
 
-def held(trials: Trials) -> list[tuple[Model, LinearFitter]]:
-    """Models of dry friction alone, fitted to the end, on each joint that stands still, if that much of it explains most of what the simulator misses."""
+def held(trials: Trials, least: float) -> list[tuple[Model, LinearFitter]]:
+    """Models of dry friction alone, fitted to the end, on each joint that stands still, if that much of it explains most of what the simulator misses.
+
+    Args:
+        least: share of the rows in which a joint stands still.
+    """
     if trials.cut_short("joints that are held fast"):
         return []
     lacking = trials.fitter.predictor.linear.residual_torques()
-    starts = [start for candidate in trials.candidates for start in _starts(trials, candidate, lacking)]
+    starts = [start for candidate in trials.candidates for start in _starts(trials, candidate, lacking, least)]
     drafts = trials.refined(trials.fitter, [trials.fitter.at([start]) for start in starts])
     most = trials.settings.holding_leaves * trials.nominal.overall
     best: dict[frozenset[str], Model] = {}
@@ -34,11 +38,12 @@ def held(trials: Trials) -> list[tuple[Model, LinearFitter]]:
     return trials.polished([one.effects for one in best.values()])
 
 
-def _starts(trials: Trials, candidate: Candidate, lacking: Array) -> list[Effect]:
-    """As much of `candidate` as the simulator lacks where its joint stands still, mostly and at most, and where that slides; none if it never stands still.
+def _starts(trials: Trials, candidate: Candidate, lacking: Array, least: float) -> list[Effect]:
+    """As much of `candidate` as the simulator lacks where its joint stands still, mostly and at most, and where that slides; none if it seldom stands still.
 
     Args:
         lacking: torques that the simulator lacks, shape (r, k, j).
+        least: as of `held`.
     """
     if not candidate.kind.holding(1.0) or trials.problem.rig.own(candidate.starts[0]):
         return []
@@ -46,7 +51,7 @@ def _starts(trials: Trials, candidate: Candidate, lacking: Array) -> list[Effect
     moves = motion.valid(ahead=1)
     torque, speed = lacking[moves][:, joint], motion.layout.dq(motion.state)[moves][:, joint]
     rests = np.abs(speed) < settings.resting * motion.spread[joint]
-    if rests.mean() < settings.rests:
+    if rests.mean() < least:
         return []
     torques = np.quantile(np.abs(torque[rests]), settings.holding).tolist()
     if not rests.all():

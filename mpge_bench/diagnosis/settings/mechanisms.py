@@ -182,6 +182,7 @@ class ChooseSettings:
     on_the_way: float = setting(30.0, "times the noise", "a model that misses more is but a step on the way")
     resting: float = setting(3.0, "standard deviations", "of a joint's velocity, within which it may stand still")
     rests: float = setting(0.05, "share of the rows", "in which a joint stands still if dry friction is tried that would hold it fast")
+    stands: float = setting(0.8, "share of the rows", "the same where one effect alone comes near the noise: a heavy rotor, too, hardly moves")
     holding: tuple[float, float] = setting((0.9, 0.99), "quantiles", "of what the simulator lacks in these rows: friction to begin with; some of it is noise")
     holding_leaves: float = setting(0.5, "share of what the simulator misses", "that friction which holds a joint fast leaves at most")
     holding_leads: float = setting(0.25, "share of what the simulator misses", "that friction which holds a joint leaves if others are sought beside it first")
