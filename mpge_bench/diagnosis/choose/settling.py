@@ -19,7 +19,7 @@ Again = Callable[[Model], tuple[Model, LinearFitter] | None]
 
 
 def settled(trials: Trials, model: Model) -> Model:
-    """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error: what intervals take for granted."""
+    """`model` fitted anew about its own fit until no parameter moves by more than a share of its standard error, as intervals take for granted, or gains."""
     problem, settings, train = trials.problem, trials.settings, ~trials.problem.validation
     model = _nearer(trials, model, lambda one: polished(problem, one.effects, evaluations=1), settings.settlings, train, settings.material)
     if problem.rig.jumps(model.effects):
@@ -39,9 +39,13 @@ def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.
         if anew is None:
             break
         found, _ = anew
-        if found.level_beside(model, windows) > (1 + worse) * model.level_beside(found, windows) or is_sharper(trials.problem, found, model):
+        before, after = model.level_beside(found, windows), found.level_beside(model, windows)
+        if after > (1 + worse) * before or is_sharper(trials.problem, found, model):
             break
         moved = np.abs(np.subtract(values_of(found.effects), values_of(model.effects))) / found.standard_errors
+        if after >= before and moved.max() > 1:
+            # Nothing tells how large it is, as of friction that holds a joint fast.
+            break
         model = trials.add(found)
         if moved.max() < trials.settings.settled:
             break
