@@ -46,7 +46,7 @@ def grow(trials: Trials, screening: Screening) -> None:
             return
         if drafts[0].overall < settings.leads * trials.nominal.overall:
             _follow(trials, _polished(trials, drafts, [], first=True), begun)
-            if min(one.overall for one in trials.models) < settings.coarse:
+            if min(one.overall for one in trials.models) < settings.held:
                 return
             begun = time.monotonic()
         beside = held(trials, settings.rests)

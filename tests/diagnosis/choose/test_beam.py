@@ -114,6 +114,20 @@ def test_how_long_a_round_took_is_reckoned_with_its_growth(trials: Trials, monke
     assert 0.0 < reckoned[1] <= grew[0]
 
 
+@pytest.mark.parametrize(("left", "others"), [(1.1, 0), (1.5, 1)])
+def test_other_ways_are_tried_unless_what_leads_comes_to_the_noise(left: float, others: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A spring with a bias, a centre of mass and an axis left 1.7 times the noise, where a force on a cart's pole beside the bias leaves nothing."""
+    trials: Any = SimpleNamespace(settings=DEFAULT.choose, nominal=SimpleNamespace(overall=1000.0), fitter=None, models=[SimpleNamespace(overall=left)])
+    went = []
+    for name in ("_renew_noise", "_follow", "_polished", "lone_formula"):
+        monkeypatch.setattr(beam, name, lambda *_, **__: None)
+    monkeypatch.setattr(beam, "_drafts", lambda *_: [SimpleNamespace(overall=20.0)])
+    monkeypatch.setattr(beam, "held", lambda *_: [])
+    monkeypatch.setattr(beam, "_by_other_ways", lambda *given: (went.append(given), ([], []))[1])
+    grow(trials, SimpleNamespace())  # type: ignore[arg-type]
+    assert len(went) == others
+
+
 @pytest.mark.slow
 def test_beside_friction_that_holds_a_joint_fast_others_are_sought_before_anything_on_all_joints(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an arm of five joints a little of everything on all joints, which came nearer than friction on the third alone, took all the time there was."""
