@@ -50,6 +50,7 @@ def grow(trials: Trials, screening: Screening) -> None:
                 return
             begun = time.monotonic()
         beside = held(trials, settings.rests)
+        beside += _beside_held(trials, drafts, beside)
         if min((model.overall for model, _ in beside), default=np.inf) < settings.holding_leads * trials.nominal.overall:
             # What holds a joint fast hides what else there is, and nothing on all joints comes near without it.
             _follow(trials, _added(trials, beside), begun)
@@ -59,6 +60,13 @@ def grow(trials: Trials, screening: Screening) -> None:
         drafts, together = _by_other_ways(trials, drafts)
         beside += together
     _follow(trials, _polished(trials, drafts, beside, first=True), begun)
+
+
+def _beside_held(trials: Trials, drafts: list[Model], beside: Beam) -> Beam:
+    """The best of the `drafts` of one effect, each with friction of one of `beside` that holds another joint fast: no linearised simulator tells of both."""
+    best = drafts[: trials.settings.polished]
+    sets = [(*draft.effects, *one.effects) for one, _ in beside for draft in best if draft.effects[0].target != one.effects[0].target]
+    return trials.polished(sets) if sets and not trials.cut_short("beside joints that are held fast") else []
 
 
 def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Beam]:

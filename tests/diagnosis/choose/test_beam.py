@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.fit.screen import screen
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Armature, CoulombFriction, Gravity, InertiaScale, JointSpring, Payload
+from mpge_bench.envs.effects import Armature, CoulombFriction, DeadZone, Gravity, InertiaScale, JointSpring, MassScale, Payload
 
 from ..conftest import posed, searching
 
@@ -112,6 +112,16 @@ def test_how_long_a_round_took_is_reckoned_with_its_growth(trials: Trials, monke
     beam._follow(trials, pairs, 0.0)
     assert reckoned[0] == 0.0
     assert 0.0 < reckoned[1] <= grew[0]
+
+
+def test_friction_that_holds_a_joint_is_tried_beside_what_acts_elsewhere() -> None:
+    """A heavy hand and dry friction that holds the first of seven joints: each was found by itself, and neither beside the other."""
+    heavy, dead, friction = MassScale("lower", 1.3), DeadZone("elbow", 0.1), CoulombFriction("elbow", 0.2)
+    trials: Any = SimpleNamespace(settings=DEFAULT.choose, cut_short=lambda stage: False, polished=lambda sets: sets)
+    drafts: Any = [SimpleNamespace(effects=(one,)) for one in (dead, heavy)]
+    found: Any = beam._beside_held(trials, drafts, [(SimpleNamespace(effects=(friction,)), None)])  # type: ignore[list-item]
+    assert found == [(heavy, friction)]
+    assert beam._beside_held(trials, drafts, []) == []
 
 
 @pytest.mark.parametrize(("left", "others"), [(1.1, 0), (1.5, 1)])
