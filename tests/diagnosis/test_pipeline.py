@@ -23,6 +23,7 @@ from mpge_bench.envs.effects import (
     CoulombFriction,
     Delay,
     Effect,
+    Gravity,
     Lag,
     Payload,
     PositionServo,
@@ -213,6 +214,16 @@ def test_what_cannot_be_told_apart_is_said(tmp_path: Path) -> None:
     (chosen,) = found.data["effects"]
     assert {"armature:hinge", "inertia_scale:arm"} in [set(pair) for pair in found.data["indistinguishable"]]
     assert f"{chosen['effect']}:{chosen['target']}" in ("armature:hinge", "inertia_scale:arm")
+
+
+@pytest.mark.slow
+def test_what_a_dead_motor_leaves_at_rest_friction_may_hold(tmp_path: Path) -> None:
+    """About a joint at rest friction changes nothing, so that no derivative tells that it holds it as well; and where it rises steeply all flies apart."""
+    path = write_case(tmp_path, [TorqueGain("hinge", 0.0), Gravity("world", (0.0, 0.0, 0.0))])
+    path.write_text(path.read_text() + "gravity: [0.0, 0.0, 0.0]\n")
+    found = diagnose_files(path, [str(tmp_path / "train_*.csv")], tmp_path / "report", jobs=1).data
+    assert [one["effect"] for one in found["effects"]] == ["torque_gain"]
+    assert {"coulomb_friction:hinge", "torque_limit:hinge", "dead_zone:hinge"} <= {other for _, other in found["indistinguishable"]}
 
 
 @pytest.mark.slow

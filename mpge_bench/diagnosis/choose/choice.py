@@ -19,7 +19,7 @@ from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.choose.twins import Twin, merged, of_two, plainest, twins
+from mpge_bench.diagnosis.choose.twins import Twin, as_fitted, merged, of_two, plainest, twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
@@ -156,7 +156,7 @@ def choose(
             chosen = _settled(trials, merged(trials, plainest(trials, with_curves(trials, found))))
             chosen = _overlooked(trials, chosen)
         chosen = trials.as_exported(acting(trials, chosen))
-    models, alike, is_far = tuple(trials.models), twins(trials, chosen), trials.are_far([chosen])
+    models, alike, is_far = tuple(trials.models), as_fitted(trials, chosen, twins(trials, chosen)), trials.are_far([chosen])
     both = () if is_far else of_two(trials, chosen, alike)
     nominal, cut = (trials.nominal, trials.fitter), tuple(trials.cut)
     return Choice(trials.problem, trials.candidates, *nominal, chosen, models, mismatch.screening, alike, cut, is_far, both)

@@ -69,6 +69,22 @@ def twins(trials: Trials, chosen: Model) -> tuple[Twin, ...]:
     return tuple(sorted((told.get(one, one) for one in found), key=lambda one: one.distance))
 
 
+def as_fitted(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> tuple[Twin, ...]:
+    """`alike`, those that are told apart by how far apart their own fits predict, where these are known and leave as much as `chosen`, the nearest first.
+
+    About a joint that a dead motor leaves at rest friction changes nothing, and holds it as well.
+    """
+    known, room = trials.known(), trials.settings.apart * max(1.0, chosen.train) ** 0.5
+
+    def is_near(twin: Twin) -> bool:
+        own = known.get(key(twin.effects))
+        if own is None or twin.distance < trials.settings.apart or own.fit.residuals.shape != chosen.fit.residuals.shape:
+            return False
+        return bool(abs(np.linalg.norm(own.fit.residuals) - np.linalg.norm(chosen.fit.residuals)) < room)
+
+    return tuple(sorted((_fitted(trials, chosen, one) if is_near(one) else one for one in alike), key=lambda one: one.distance))
+
+
 def of_two(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> tuple[Twin, ...]:
     """`chosen` with other effects in the places of two of its own, of `alike` each of which may be one with its own by itself, the likeliest first.
 
@@ -90,8 +106,7 @@ def of_two(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> tuple[Twin, 
 
 def _room(twin: Twin, settings: ChooseSettings) -> float:
     """Share of what the replaced effects change by which the linearised simulator may tell a `twin` apart that is one."""
-    other = twin.effects[-1]
-    look_alike = any(one.name in other.told_apart or other.name in one.told_apart for one in twin.replaced)
+    look_alike = any(one.name in twin.effects[-1].told_apart or twin.effects[-1].name in one.told_apart for one in twin.replaced)
     return settings.known_alike if look_alike else settings.alike
 
 

@@ -167,11 +167,14 @@ class WindowPredictor:
         self.flow, self.halved_error = flow, halved_error
         # Where half the physics step changes the prediction by many times the noise, the motion is too violent for what is left to tell anything.
         usable = self._sharp > 0
-        self.coarse = np.sqrt(np.mean((halved_error * self._sharp) ** 2, axis=(1, 2), where=usable)) if usable.any() else np.zeros(len(usable))
-        doubt = self.coarse / self.settings.coarse
+        with np.errstate(over="ignore", invalid="ignore"):
+            self.coarse = np.sqrt(np.mean((halved_error * self._sharp) ** 2, axis=(1, 2), where=usable)) if usable.any() else np.zeros(len(usable))
+            doubt = self.coarse / self.settings.coarse
+            # The physics step's error is forgiven as far as it is in proportion to what halving changes.
+            self.tolerance = np.minimum(1 + doubt**2, 1 + (doubt**2 / self.settings.curved) ** 2)
         self.weight = self._sharp / np.sqrt(1 + doubt**2)[:, None, None]
-        # The physics step's error is forgiven as far as it is in proportion to what halving changes.
-        self.tolerance = np.minimum(1 + doubt**2, 1 + (doubt**2 / self.settings.curved) ** 2)
+        if not np.isfinite(self.tolerance).all():
+            raise np.linalg.LinAlgError("the linearised simulator flies apart: half a physics step changes its predictions beyond all measure")
         self.expected = self.tolerance / (1 + doubt**2)
         count, rows, channels, states = flow.shape
         columns = (flow * self.weight[..., None]).reshape(count, -1, states)

@@ -117,3 +117,12 @@ def test_where_a_joint_sticks_that_breaks_away_windows_begin_as_the_recording_sa
     windows = asked.windows
     speeds = np.array([true[recording].dq[row] for recording, row in zip(windows.recording, windows.start, strict=True)])
     assert np.abs(asked.fitter((effect,)).predictor.first[:, 2:] - speeds).max() < 0.15
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_simulator_that_flies_apart_is_refused(rig: Rig) -> None:
+    """Under friction that falls from 23 to 2 N m within a ten-thousandth of a radian a second half a step changed predictions by 1e200."""
+    linear = reference(rig, [record(rig, seconds=2.0)])
+    predictor = WindowPredictor(linear, Windows(np.array([0]), np.array([100]), 20), linear.motion.sigma)
+    with pytest.raises(np.linalg.LinAlgError, match="flies apart"):
+        predictor._begin(predictor.flow, np.full_like(predictor.halved_error, 1e200))
