@@ -87,12 +87,15 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
     """The recordings, checked together: motion, units.
 
     Raises:
-        UserError: as `read_recording`, and if nothing moves in any of them, angles look like degrees, what nothing carries does not fall, or what moves is in
-            the ground.
+        UserError: as `read_recording`, and if nothing moves in any of them, a single row jumps, angles look like degrees, commands have the other sign, what
+            nothing carries does not fall, or what moves is in the ground.
     """
     recordings = [read_recording(path, rig, settings) for path in paths]
+    for one in recordings:
+        _check_jumps(one, rig, settings)
     if rig.is_tree:
         _check_units(recordings, rig, settings)
+        _check_signs(recordings, rig, settings)
     elif rig.model.floating and not rig.ground:
         for one in recordings:
             check_carried(one.path, one.time, one.q, rig.gravity, settings)
@@ -106,6 +109,52 @@ def read_recordings(paths: Sequence[Path], rig: Rig, settings: DataSettings = DE
         within = f", which is within the noise that {rig.path} states" if spread > _LEAST else ""
         raise UserError(f"{recordings[0].path}: no motion: columns q_* vary by {spread:.2g} at most{within}; record the mechanism while it moves")
     return recordings
+
+
+def _check_jumps(recording: Recording, rig: Rig, settings: DataSettings) -> None:
+    """A row whose position is far off both its neighbours', which agree, was misread: one is enough to drown in noise all that is missed.
+
+    Of velocities nothing is said, which jump where something hits or lets go.
+    """
+    off, between = np.abs(recording.q[1:-1] - (recording.q[2:] + recording.q[:-2]) / 2), np.abs(recording.q[2:] - recording.q[:-2])
+    for column, joint in enumerate(rig.joints):
+        q = recording.q[:, column]
+        if not np.ptp(q):
+            continue
+        usual = max(float(np.quantile(off[:, column], settings.lone_quantile)), float(np.min(np.diff(np.unique(q)))))
+        lone = np.flatnonzero((off[:, column] > settings.lone * usual) & (between[:, column] < off[:, column]))
+        if 0 < len(lone) <= settings.lone_rows * len(q):
+            row = int(lone[0]) + 1
+            raise UserError(
+                f"{recording.path}: row {row + 1}: column q_{joint} reads {q[row]:.4g} between {q[row - 1]:.4g} and {q[row + 1]:.4g}: misread, as {len(lone)}"
+                f" of {len(q)} rows; take out such rows, or put in what lies between"
+            )
+
+
+def _check_signs(recordings: Sequence[Recording], rig: Rig, settings: DataSettings) -> None:
+    """Commands of the other sign show in torques that the motion asks for: they are the commands', turned round."""
+    for column, joint in enumerate(rig.joints):
+        if rig.modes[joint] != "torque":
+            continue
+        asked = [(one, *_asked(one, rig, column, settings)) for one in recordings]
+        if asked and all(_is_turned(torque, command, settings) for _, torque, command in asked):
+            raise UserError(
+                f"{recordings[0].path}: column u_{joint} has the other sign than the motion says, in all recordings: the rig needs its negative to move so;"
+                f" turn the sign of u_{joint}, or that of q_{joint} and dq_{joint}, or the joint's axis in the rig"
+            )
+
+
+def _asked(recording: Recording, rig: Rig, column: int, settings: DataSettings) -> tuple[Array, Array]:
+    """Torques that a joint's motion asks for beside gravity, and its commands, shape (rows,) each."""
+    model = rig.changed()
+    tree, gravity = Tree(model, rig.joints), np.array(model.gravity or rig.gravity)
+    q, dq, ddq = differentiate(recording, settings)
+    return tree.inverse_dynamics(q, dq, ddq, gravity)[:, column] + rig.rotors()[column] * ddq[:, column], recording.u[:, column]
+
+
+def _is_turned(torque: Array, command: Array, settings: DataSettings) -> bool:
+    """Whether a `torque` is by far more like the `command` turned round than like the command."""
+    return bool(np.std(torque + command) < settings.turned * np.std(torque - command))
 
 
 def _check_units(recordings: Sequence[Recording], rig: Rig, settings: DataSettings) -> None:

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.data.checks import measurements, roughness, trusted
+from mpge_bench.diagnosis.data.checks import measurements, read_recordings, roughness, trusted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.envs.effects import CoulombFriction, Delay, Effect, MassScale, TorqueGain
+from mpge_bench.envs.errors import UserError
 
-from ..conftest import record, write_rig
+from ..conftest import record, table, write_rig
 
 
 @pytest.fixture
@@ -116,3 +118,39 @@ def test_where_every_recording_trembles_at_a_joint_of_its_own_all_stay(rig: Rig)
     found = measurements(rig, [trembling(first, 3.3), second])
     assert len(found.recordings) == 2
     assert not found.left_out
+
+
+def written(folder: Path, rig: Rig, *, turned: str = "", misread: float = 0.0, ticks: float = 0.0) -> list[Path]:
+    """Two recordings as files, with a joint's command turned round, a single reading of the elbow off, or an encoder of so many rad at the elbow."""
+    paths = []
+    for seed in range(2):
+        data = table(noisy(record(rig, seconds=2.0, seed=seed)), rig)
+        if turned:
+            data[f"u_{turned}"] *= -1
+        if ticks:
+            data["q_elbow"] = ticks * np.round(data["q_elbow"] / ticks)
+        data.loc[50, "q_elbow"] += misread * seed
+        paths.append(folder / f"run_{seed}.csv")
+        data.to_csv(paths[-1], index=False)
+    return paths
+
+
+@pytest.mark.parametrize("ticks", [0.0, 0.05, 2.0])
+def test_a_reading_that_went_wrong_is_refused_and_an_encoder_is_not(ticks: float, tmp_path: Path, rig: Rig) -> None:
+    """One of 3 rad made a rotor of three times the arm's inertia less than the noise."""
+    assert len(read_recordings(written(tmp_path, rig, ticks=ticks), rig)) == 2
+    with pytest.raises(UserError, match=r"run_1\.csv: row 51: column q_elbow reads .* misread, as 1 of"):
+        read_recordings(written(tmp_path, rig, misread=8.0, ticks=min(ticks, 0.05)), rig)
+
+
+def test_commands_of_the_other_sign_are_refused(tmp_path: Path, rig: Rig) -> None:
+    """They were a motor that is late, has a bias and drives an arm whose centre of mass lies elsewhere."""
+    with pytest.raises(UserError, match=r"column u_shoulder has the other sign than the motion says"):
+        read_recordings(written(tmp_path, rig, turned="shoulder"), rig)
+
+
+@pytest.mark.parametrize("hidden", [TorqueGain("elbow", 0.0), Delay("shoulder", 0.05), CoulombFriction("elbow", 2.5), MassScale("lower", 3.0)])
+def test_commands_are_not_turned_round_by_physics(hidden: Effect, tmp_path: Path, rig: Rig) -> None:
+    for seed in range(2):
+        table(noisy(record(rig, [hidden], seconds=2.0, seed=seed)), rig).to_csv(tmp_path / f"run_{seed}.csv", index=False)
+    assert len(read_recordings(sorted(tmp_path.glob("*.csv")), rig)) == 2
