@@ -12,8 +12,8 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.regressed import regressed
-from mpge_bench.diagnosis.fit.simulator import polished
-from mpge_bench.envs.effects.vector import values_of
+from mpge_bench.diagnosis.fit.simulator import as_it_is, polished
+from mpge_bench.envs.effects.vector import parameters_of, values_of, with_parameters
 
 Again = Callable[[Model], tuple[Model, LinearFitter] | None]
 
@@ -27,7 +27,26 @@ def settled(trials: Trials, model: Model) -> Model:
         every = np.ones_like(train)
         points = problem.settings.fit.regressed_points
         model = _nearer(trials, model, lambda one: regressed(problem, one, points, trials.each), settings.regressions, every, settings.coarse_material)
-    return model
+    return _no_larger(trials, model)
+
+
+def _no_larger(trials: Trials, model: Model) -> Model:
+    """`model` with half of the friction that holds a joint fast, and half of that, as long as nothing more is missed, where its interval tells nothing of it.
+
+    More than holds does nothing more, so that fits wander, and about friction far beyond that all effects seem its equals.
+    """
+    every, worse, first = np.ones_like(trials.problem.validation), 1 + trials.settings.material, model
+    for effect in [one for one in model.doubted if one.holding(1.0)]:
+        while np.any(parameters_of(effect)) and not trials.cut_short("friction that holds fast"):
+            less = with_parameters(effect, (np.array(parameters_of(effect)) / 2).tolist())
+            try:
+                found = as_it_is(trials.problem, [less if one == effect else one for one in model.effects])
+            except np.linalg.LinAlgError:
+                break
+            if found.level_beside(model, every) > worse * model.level_beside(found, every):
+                break
+            model, effect = found, less
+    return model if model is first else trials.add(model)
 
 
 def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.NDArray[np.bool_], worse: float) -> Model:

@@ -17,7 +17,7 @@ from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Backlash, Effect, ViscousFriction
+from mpge_bench.envs.effects import Backlash, CoulombFriction, Effect, ViscousFriction
 from mpge_bench.envs.effects.vector import values_of
 
 from ..conftest import asking_with, searching, write_case
@@ -70,3 +70,11 @@ def test_play_comes_out_right_from_either_side(start: tuple[float, float], tmp_p
     off = values_of(found.effects) - truth
     assert np.abs(off / truth).max() < 0.02
     assert np.abs(off / found.standard_errors).max() < 3
+
+
+def test_friction_that_holds_a_joint_is_no_larger_than_it_has_to_be(tmp_path: Path) -> None:
+    """It went to the bound, 10,000 N m, where half of it, and half of that, held the hinge as well."""
+    asked = asking_with(write_case(tmp_path, [CoulombFriction("hinge", 6.0)], recordings=3, seconds=3.0))
+    (found,) = settled(searching(asked), as_it_is(asked, (CoulombFriction("hinge", 3000.0),))).effects
+    assert isinstance(found, CoulombFriction)
+    assert 1.0 < found.torque < 10.0
