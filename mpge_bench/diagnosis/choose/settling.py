@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.regressed import regressed
 from mpge_bench.diagnosis.fit.simulator import as_it_is, polished
+from mpge_bench.envs.effects import Effect
 from mpge_bench.envs.effects.vector import parameters_of, values_of, with_parameters
 
 Again = Callable[[Model], tuple[Model, LinearFitter] | None]
@@ -35,18 +36,28 @@ def _no_larger(trials: Trials, model: Model) -> Model:
 
     More than holds does nothing more, so that fits wander, and about friction far beyond that all effects seem its equals.
     """
-    every, worse, first = np.ones_like(trials.problem.validation), 1 + trials.settings.material, model
+    first = model
     for effect in [one for one in model.doubted if one.holding(1.0)]:
-        while np.any(parameters_of(effect)) and not trials.cut_short("friction that holds fast"):
+        if _as_near(trials, first, [one for one in first.effects if one != effect]):
+            # Nothing is held.
+            continue
+        while not trials.cut_short("friction that holds fast"):
             less = with_parameters(effect, (np.array(parameters_of(effect)) / 2).tolist())
-            try:
-                found = as_it_is(trials.problem, [less if one == effect else one for one in model.effects])
-            except np.linalg.LinAlgError:
-                break
-            if found.level_beside(model, every) > worse * model.level_beside(found, every):
+            found = _as_near(trials, first, [less if one == effect else one for one in model.effects])
+            if found is None:
                 break
             model, effect = found, less
     return model if model is first else trials.add(model)
+
+
+def _as_near(trials: Trials, model: Model, effects: list[Effect]) -> Model | None:
+    """The model of `effects` as they are, if it misses next to nothing more than `model`; else None."""
+    every = np.ones_like(trials.problem.validation)
+    try:
+        found = as_it_is(trials.problem, effects)
+    except np.linalg.LinAlgError:
+        return None
+    return found if found.level_beside(model, every) <= (1 + trials.settings.material) * model.level_beside(found, every) else None
 
 
 def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.NDArray[np.bool_], worse: float) -> Model:
