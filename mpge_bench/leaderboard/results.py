@@ -14,13 +14,11 @@ import pandas as pd
 from mpge_bench.envs import stated_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.perfect import Perfect
-from mpge_bench.harness.result import OldResultError, files_under, read_result
+from mpge_bench.harness.result import OldResultError, files_under, read_result, settings_of
 from mpge_bench.leaderboard.estimates import Estimate, Scores, improvements, interquartile_mean
 
 #: Percentages of the target budget at which MULTIPOLAR reports.
 SHARES = ("25", "50", "75", "100")
-#: Settings of agents that have come since the first results, with what these were made with.
-_SINCE = {"averaging": 0.0}
 #: Behind the name of a method whose settings were chosen by their return in the target.
 ORACLE = " (oracle)"
 #: An aggregate over fewer pairs says nothing that the pair's own rows do not.
@@ -94,13 +92,8 @@ def _row(result: dict[str, Any]) -> dict[str, Any]:
         **{f"{part}_minutes": result["wall_clock_s"][part] / 60 for part in ("grounding", "agent")},
         **{f"episode_{share}": _number(learnt.get(share)) for share in SHARES},
         "physics": tuple(sorted(result["fingerprints"].items())),
-        "settings": tuple(sorted(_stated(result["settings"]))),
+        "settings": tuple(sorted(_leaves(settings_of(result)))),
     }
-
-
-def _stated(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Every setting by its dotted key, as text; those that have come since a result was made as they were before."""
-    return _leaves({**settings, "agent": {**_SINCE, **settings["agent"]}} if "agent" in settings else settings)
 
 
 def _leaves(settings: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:

@@ -50,16 +50,22 @@ def grow(trials: Trials, screening: Screening) -> None:
                 return
             begun = time.monotonic()
         beside = held(trials, settings.rests)
-        beside += _beside_held(trials, drafts, beside)
-        if min((model.overall for model, _ in beside), default=np.inf) < settings.holding_leads * trials.nominal.overall:
+        if _least(beside) < settings.holding_leads * trials.nominal.overall:
             # What holds a joint fast hides what else there is, and nothing on all joints comes near without it.
             _follow(trials, _added(trials, beside), begun)
             if min(one.overall for one in trials.models) < settings.held or _is_elsewhere(trials.models, trials.problem.settings):
                 return
             begun = time.monotonic()
-        drafts, together = _by_other_ways(trials, drafts)
-        beside += together
+        beside += _beside_held(trials, drafts, beside)
+        if _least(beside) > settings.held:
+            drafts, together = _by_other_ways(trials, drafts)
+            beside += together
     _follow(trials, _polished(trials, drafts, beside, first=True), begun)
+
+
+def _least(beam: Beam) -> float:
+    """What the nearest of the models misses."""
+    return min((model.overall for model, _ in beam), default=np.inf)
 
 
 def _beside_held(trials: Trials, drafts: list[Model], beside: Beam) -> Beam:
