@@ -116,13 +116,14 @@ def _check_jumps(recording: Recording, rig: Rig, settings: DataSettings) -> None
 
     Of velocities nothing is said, which jump where something hits or lets go.
     """
-    off, between = np.abs(recording.q[1:-1] - (recording.q[2:] + recording.q[:-2]) / 2), np.abs(recording.q[2:] - recording.q[:-2])
-    for column, joint in enumerate(rig.joints):
-        q = recording.q[:, column]
+    # Behind the pose of a free base.
+    joints = recording.q[:, recording.q.shape[1] - len(rig.joints) :]
+    for joint, q in zip(rig.joints, joints.T, strict=True):
         if not np.ptp(q):
             continue
-        usual = max(float(np.quantile(off[:, column], settings.lone_quantile)), float(np.min(np.diff(np.unique(q)))))
-        lone = np.flatnonzero((off[:, column] > settings.lone * usual) & (between[:, column] < off[:, column]))
+        off, between = np.abs(q[1:-1] - (q[2:] + q[:-2]) / 2), np.abs(q[2:] - q[:-2])
+        usual = max(float(np.quantile(off, settings.lone_quantile)), float(np.min(np.diff(np.unique(q)))))
+        lone = np.flatnonzero((off > settings.lone * usual) & (between < off))
         if 0 < len(lone) <= settings.lone_rows * len(q):
             row = int(lone[0]) + 1
             raise UserError(
@@ -136,20 +137,18 @@ def _check_signs(recordings: Sequence[Recording], rig: Rig, settings: DataSettin
     for column, joint in enumerate(rig.joints):
         if rig.modes[joint] != "torque":
             continue
-        asked = [(one, *_asked(one, rig, column, settings)) for one in recordings]
-        if asked and all(_is_turned(torque, command, settings) for _, torque, command in asked):
+        if all(_is_turned(_asked(rig, np.stack(differentiate(one, settings)), column), one.u[:, column], settings) for one in recordings):
             raise UserError(
                 f"{recordings[0].path}: column u_{joint} has the other sign than the motion says, in all recordings: the rig needs its negative to move so;"
                 f" turn the sign of u_{joint}, or that of q_{joint} and dq_{joint}, or the joint's axis in the rig"
             )
 
 
-def _asked(recording: Recording, rig: Rig, column: int, settings: DataSettings) -> tuple[Array, Array]:
-    """Torques that a joint's motion asks for beside gravity, and its commands, shape (rows,) each."""
-    model = rig.changed()
-    tree, gravity = Tree(model, rig.joints), np.array(model.gravity or rig.gravity)
-    q, dq, ddq = differentiate(recording, settings)
-    return tree.inverse_dynamics(q, dq, ddq, gravity)[:, column] + rig.rotors()[column] * ddq[:, column], recording.u[:, column]
+def _asked(rig: Rig, motion: Array, column: int) -> Array:
+    """Torques, shape (rows,), that a `motion`, (q, dq, ddq), asks for at a joint beside gravity."""
+    model, (q, dq, ddq) = rig.changed(), motion
+    torques = Tree(model, rig.joints).inverse_dynamics(q, dq, ddq, np.array(model.gravity or rig.gravity))
+    return np.asarray(torques[:, column] + rig.rotors()[column] * ddq[:, column])
 
 
 def _is_turned(torque: Array, command: Array, settings: DataSettings) -> bool:
@@ -209,14 +208,12 @@ def _too_fast(recording: Recording, rig: Rig, column: int, settings: DataSetting
 
 def _lacking(recording: Recording, rig: Rig, column: int, settings: DataSettings) -> tuple[float, float]:
     """Standard deviation of the torque that the motion lacks beside commands and gravity: as it is, and with its angles turned from degrees into radians."""
-    model = rig.changed()
-    tree, gravity = Tree(model, rig.joints), np.array(model.gravity or rig.gravity)
-    rotor, servo = rig.rotors()[column], rig.servo(rig.joints[column])
+    servo = rig.servo(rig.joints[column])
     hinges = np.array([not rig.model.is_prismatic(joint) for joint in rig.joints])
 
     def lacks(motion: Array) -> float:
-        q, dq, ddq = motion
-        torques = tree.inverse_dynamics(q, dq, ddq, gravity)[:, column] + rotor * ddq[:, column] - _commanded(recording, rig, column)
+        q, dq, _ = motion
+        torques = _asked(rig, motion, column) - _commanded(recording, rig, column)
         if servo is not None:
             # No target, no torque.
             torques -= np.nan_to_num(servo.kp * (recording.u[:, column] - q[:, column]) - servo.kd * dq[:, column])

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mpge_bench.diagnosis.data.checks import measurements, read_recordings, roughness, trusted
+from mpge_bench.diagnosis.data.checks import _check_jumps, measurements, read_recordings, roughness, trusted
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.predict.bullet import simulate
+from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import CoulombFriction, Delay, Effect, MassScale, TorqueGain
 from mpge_bench.envs.errors import UserError
 
@@ -141,6 +142,18 @@ def test_a_reading_that_went_wrong_is_refused_and_an_encoder_is_not(ticks: float
     assert len(read_recordings(written(tmp_path, rig, ticks=ticks), rig)) == 2
     with pytest.raises(UserError, match=r"run_1\.csv: row 51: column q_elbow reads .* misread, as 1 of"):
         read_recordings(written(tmp_path, rig, misread=8.0, ticks=min(ticks, 0.05)), rig)
+
+
+def test_a_free_base_comes_before_its_joints(tmp_path: Path, rig: Rig) -> None:
+    """A pose that is thrown about is not the elbow."""
+    one = record(rig, seconds=2.0)
+    pose = np.zeros((len(one.time), 7))
+    pose[50] = 3.0
+    misread = one.q.copy()
+    misread[30, 1] += 8.0
+    _check_jumps(replace(one, q=np.hstack((pose, one.q))), rig, DEFAULT.data)
+    with pytest.raises(UserError, match="row 31: column q_elbow reads"):
+        _check_jumps(replace(one, q=np.hstack((pose, misread))), rig, DEFAULT.data)
 
 
 def test_commands_of_the_other_sign_are_refused(tmp_path: Path, rig: Rig) -> None:
