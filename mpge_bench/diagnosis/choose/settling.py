@@ -57,7 +57,7 @@ def _as_near(trials: Trials, model: Model, effects: list[Effect]) -> Model | Non
         found = as_it_is(trials.problem, effects)
     except np.linalg.LinAlgError:
         return None
-    return found if found.level_beside(model, every) <= (1 + trials.settings.material) * model.level_beside(found, every) else None
+    return found if found.misses_no_more(model, every, trials.settings.material) else None
 
 
 def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.NDArray[np.bool_], worse: float) -> Model:
@@ -69,11 +69,10 @@ def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.
         if anew is None:
             break
         found, _ = anew
-        before, after = model.level_beside(found, windows), found.level_beside(model, windows)
-        if after > (1 + worse) * before or is_sharper(trials.problem, found, model):
+        if not found.misses_no_more(model, windows, worse) or is_sharper(trials.problem, found, model):
             break
         moved = np.abs(np.subtract(values_of(found.effects), values_of(model.effects))) / found.standard_errors
-        if after >= before and moved.max() > 1:
+        if moved.max() > 1 and model.misses_no_more(found, windows):
             # Nothing tells how large it is, as of friction that holds a joint fast.
             break
         model = trials.add(found)

@@ -137,10 +137,10 @@ class Trials:
         Of windows by the room of whichever of the two leaves itself more.
         """
         levels = self.levels(models)
-        first, least, held = models[int(np.argmin(levels))], 1 + self.settings.material, self.problem.choosing
+        first, within = models[int(np.argmin(levels))], self.settings.material
         if self.are_far(models):
-            return [one for one, level in zip(models, levels, strict=True) if level <= least * min(levels)]
-        return [one for one in models if one.level_beside(first, held) <= least * first.level_beside(one, held)]
+            return [one for one, level in zip(models, levels, strict=True) if level <= (1 + within) * min(levels)]
+        return [one for one in models if one.misses_no_more(first, self.problem.choosing, within)]
 
     def are_far(self, models: Sequence[Model]) -> bool:
         """Whether even the best of `models` is far from what noise and physics step make: of what models are chosen by, in windows and as exported."""

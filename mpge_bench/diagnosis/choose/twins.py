@@ -106,7 +106,8 @@ def of_two(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> tuple[Twin, 
 
 def _room(twin: Twin, settings: ChooseSettings) -> float:
     """Share of what the replaced effects change by which the linearised simulator may tell a `twin` apart that is one."""
-    look_alike = any(one.name in twin.effects[-1].told_apart or twin.effects[-1].name in one.told_apart for one in twin.replaced)
+    other = twin.effects[-1]
+    look_alike = any(one.name in other.told_apart or other.name in one.told_apart for one in twin.replaced)
     return settings.known_alike if look_alike else settings.alike
 
 
@@ -317,10 +318,8 @@ def _is_as_good(trials: Trials, chosen: Model, model: Model, twin: Twin) -> bool
 
     Of the same physics what both were fitted to is enough: on other windows they differ by where fits stopped.
     """
-    fitted = ~trials.problem.validation
-    if twin.distance < trials.settings.same and model.level_beside(chosen, fitted) <= (1 + trials.settings.material) * chosen.level_beside(model, fitted):
-        return True
-    return not trials.is_better(model, chosen)
+    is_enough = twin.distance < trials.settings.same and model.misses_no_more(chosen, ~trials.problem.validation, trials.settings.material)
+    return is_enough or not trials.is_better(model, chosen)
 
 
 def plainness(effect: Effect, *, is_read: bool = False) -> Plainness:

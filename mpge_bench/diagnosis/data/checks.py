@@ -5,7 +5,7 @@ Where velocities are not, it is a matter of filters, clocks or units, not of dyn
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -134,26 +134,26 @@ def _check_jumps(recording: Recording, rig: Rig, settings: DataSettings) -> None
 
 def _check_signs(recordings: Sequence[Recording], rig: Rig, settings: DataSettings) -> None:
     """Commands of the other sign show in torques that the motion asks for: they are the commands', turned round."""
-    for column, joint in enumerate(rig.joints):
-        if rig.modes[joint] != "torque":
-            continue
-        if all(_is_turned(_asked(rig, np.stack(differentiate(one, settings)), column), one.u[:, column], settings) for one in recordings):
+    are_turned = np.array([rig.modes[joint] == "torque" for joint in rig.joints])
+    for one in recordings:
+        if not are_turned.any():
+            break
+        torques = _asked(rig, differentiate(one, settings))
+        # By far more like the commands turned round than like the commands.
+        are_turned &= np.std(torques + one.u, axis=0) < settings.turned * np.std(torques - one.u, axis=0)
+    for joint, is_turned in zip(rig.joints, are_turned, strict=True):
+        if is_turned:
             raise UserError(
                 f"{recordings[0].path}: column u_{joint} has the other sign than the motion says, in all recordings: the rig needs its negative to move so;"
                 f" turn the sign of u_{joint}, or that of q_{joint} and dq_{joint}, or the joint's axis in the rig"
             )
 
 
-def _asked(rig: Rig, motion: Array, column: int) -> Array:
-    """Torques, shape (rows,), that a `motion`, (q, dq, ddq), asks for at a joint beside gravity."""
+def _asked(rig: Rig, motion: Iterable[Array]) -> Array:
+    """Torques, shape (rows, joints), that a `motion`, q, dq and ddq of that shape, asks for in gravity."""
     model, (q, dq, ddq) = rig.changed(), motion
     torques = Tree(model, rig.joints).inverse_dynamics(q, dq, ddq, np.array(model.gravity or rig.gravity))
-    return np.asarray(torques[:, column] + rig.rotors()[column] * ddq[:, column])
-
-
-def _is_turned(torque: Array, command: Array, settings: DataSettings) -> bool:
-    """Whether a `torque` is by far more like the `command` turned round than like the command."""
-    return bool(np.std(torque + command) < settings.turned * np.std(torque - command))
+    return np.asarray(torques + np.array(rig.rotors()) * ddq)
 
 
 def _check_units(recordings: Sequence[Recording], rig: Rig, settings: DataSettings) -> None:
@@ -198,9 +198,8 @@ def _too_fast(recording: Recording, rig: Rig, column: int, settings: DataSetting
     known, finer = (differentiate(recording, replace(settings, smoothing=one))[2][:, column] for one in (settings.smoothing, settings.smoothing / 2))
     if np.std(finer - known) > settings.degree_resolved * np.std(known):
         return False
-    model = rig.changed()
     still = np.zeros_like(recording.q)
-    gravity = Tree(model, rig.joints).inverse_dynamics(recording.q, still, still, np.array(model.gravity or rig.gravity))[:, column]
+    gravity = _asked(rig, (recording.q, still, still))[:, column]
     available = float(np.abs(_commanded(recording, rig, column)).max() + np.abs(gravity).max())
     lacks, would = _lacking(recording, rig, column, settings)
     return would < settings.degree_torque * available and lacks > max(settings.degree_excess * would, settings.degree_beyond * available)
@@ -213,7 +212,7 @@ def _lacking(recording: Recording, rig: Rig, column: int, settings: DataSettings
 
     def lacks(motion: Array) -> float:
         q, dq, _ = motion
-        torques = _asked(rig, motion, column) - _commanded(recording, rig, column)
+        torques = _asked(rig, motion)[:, column] - _commanded(recording, rig, column)
         if servo is not None:
             # No target, no torque.
             torques -= np.nan_to_num(servo.kp * (recording.u[:, column] - q[:, column]) - servo.kd * dq[:, column])

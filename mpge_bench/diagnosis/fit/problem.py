@@ -219,6 +219,10 @@ class Model:
         """`LinearFitter.chi_square` of those windows in the same units."""
         return float(np.mean(np.sqrt(self.missed_beside(other)[windows])) ** 2)
 
+    def misses_no_more(self, other: Model, windows: npt.NDArray[np.bool_], within: float = 0.0) -> bool:
+        """Whether it misses no more of those windows than `other`, but for a share `within`, in the same units."""
+        return self.level_beside(other, windows) <= (1 + within) * other.level_beside(self, windows)
+
     @property
     def doubted(self) -> tuple[Effect, ...]:
         """The effects that might as well not be there, by the 95% intervals of their parameters."""

@@ -172,9 +172,9 @@ class WindowPredictor:
             doubt = self.coarse / self.settings.coarse
             # The physics step's error is forgiven as far as it is in proportion to what halving changes.
             self.tolerance = np.minimum(1 + doubt**2, 1 + (doubt**2 / self.settings.curved) ** 2)
-        self.weight = self._sharp / np.sqrt(1 + doubt**2)[:, None, None]
         if not np.isfinite(self.tolerance).all():
             raise np.linalg.LinAlgError("the linearised simulator flies apart: half a physics step changes its predictions beyond all measure")
+        self.weight = self._sharp / np.sqrt(1 + doubt**2)[:, None, None]
         self.expected = self.tolerance / (1 + doubt**2)
         count, rows, channels, states = flow.shape
         columns = (flow * self.weight[..., None]).reshape(count, -1, states)
