@@ -35,7 +35,7 @@ from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.rig import read_rig
 from mpge_bench.diagnosis.fit.problem import problem
-from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
+from mpge_bench.diagnosis.fit.simulator import described, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, label
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
@@ -88,7 +88,7 @@ def equals(case: Truth) -> list[tuple[str, str]]:
     measured = parted(measurements(rig, read_recordings(case.recordings, rig), DEFAULT)).searched
     posed = problem(measured, reference(rig, measured.recordings, DEFAULT), DEFAULT.predict.horizon)
     trials = Trials(posed, candidates(rig, posed.scales), nominal(posed), Workers(1), Clock(0.0, math.inf))
-    truth = trials.add(as_it_is(posed, rig.joined((), *effects_of(case))))
+    truth = trials.add(described(posed, rig.joined((), *effects_of(case)))[0])
     near = [one for one in twins(trials, truth) if one.distance < DEFAULT.choose.hardly_apart]
     found = [(label(one.effects[-1:]), label(one.replaced)) for one in near]
     fewer = merged(trials, truth)

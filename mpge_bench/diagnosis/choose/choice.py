@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.beam import grow, shown_to_some
@@ -83,11 +82,8 @@ def acts_at_the_start(problem: Problem, model: Model) -> bool:
     if any(effect.remembers for effect in problem.rig.chain(model.effects)) or (problem.windows.start == 0).any():
         return False
     begun = problem.from_the_start()
-    try:
-        missed = as_it_is(begun, model.effects).missed
-    except np.linalg.LinAlgError:
-        return False
-    return float(missed[begun.windows.start == 0].max()) > problem.settings.choose.coarse
+    found = as_it_is(begun, model.effects)
+    return found is not None and float(found.missed[begun.windows.start == 0].max()) > problem.settings.choose.coarse
 
 
 def chance_of(mean_square: float, windows: int, settings: ChooseSettings) -> float:

@@ -64,9 +64,8 @@ def _in_place_of_named(trials: Trials, chosen: Model, seconds: float) -> Model:
 
 def _law_beside(trials: Trials, chosen: Model, others: tuple[Effect, ...], laws: Sequence[Candidate]) -> Model:
     """`chosen` or, where windows leave no doubt, the nearest of `laws` beside those of the `others` of its effects that are still needed."""
-    try:
-        base = as_it_is(trials.problem, others) if others else trials.nominal
-    except np.linalg.LinAlgError:
+    base = as_it_is(trials.problem, others) if others else trials.nominal
+    if base is None:
         # Without the rest the others lead the linearised simulator astray.
         return chosen
     fitter = trials.problem.fitter(others) if others else trials.fitter

@@ -19,7 +19,6 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate, key
 from mpge_bench.envs.effects import Effect
@@ -70,11 +69,8 @@ def by_recorded_states(trials: Trials, chosen: Model) -> Model | None:
     if point is begun:
         # What fits in windows needed may be needless all the same.
         point = _without_needless(trials, misses, point)
-    try:
-        found = trials.add(as_it_is(trials.problem, point.effects))
-    except np.linalg.LinAlgError:
-        return None
-    return found if trials.is_better(chosen, found) or (is_of_all and not trials.is_better(found, chosen)) else None
+    found = trials.as_it_is(point.effects)
+    return found if found and (trials.is_better(chosen, found) or (is_of_all and not trials.is_better(found, chosen))) else None
 
 
 def _best_of_few(trials: Trials) -> Model:

@@ -53,11 +53,8 @@ def _no_larger(trials: Trials, model: Model) -> Model:
 def _as_near(trials: Trials, model: Model, effects: list[Effect]) -> Model | None:
     """The model of `effects` as they are, if it misses next to nothing more than `model`; else None."""
     every = np.ones_like(trials.problem.validation)
-    try:
-        found = as_it_is(trials.problem, effects)
-    except np.linalg.LinAlgError:
-        return None
-    return found if found.misses_no_more(model, every, trials.settings.material) else None
+    found = as_it_is(trials.problem, effects)
+    return found if found and found.misses_no_more(model, every, trials.settings.material) else None
 
 
 def _nearer(trials: Trials, model: Model, again: Again, most: int, windows: npt.NDArray[np.bool_], worse: float) -> Model:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from mpge_bench.diagnosis.choose.score import idle, is_doubtless, means_something
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
-from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.compiled import is_past
 from mpge_bench.envs.effects import Effect
@@ -89,10 +86,7 @@ def _as_it_is_without(trials: Trials, chosen: Model, needless: Sequence[Effect])
     kept = [effect for effect in chosen.effects if effect not in needless]
     if not kept or len(kept) == len(chosen.effects):
         return None
-    try:
-        return trials.add(as_it_is(trials.problem, kept))
-    except np.linalg.LinAlgError:
-        return None
+    return trials.as_it_is(kept)
 
 
 def _beats(trials: Trials, less: Model, chosen: Model) -> bool:

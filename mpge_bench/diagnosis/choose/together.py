@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
 from mpge_bench.diagnosis.choose.joints import needed_as_used
 from mpge_bench.diagnosis.choose.points import Effects, Point, fitted
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.settings import ChooseSettings
 from mpge_bench.envs.effects import Effect
@@ -76,10 +73,7 @@ def completed(trials: Trials, chosen: Model) -> Model | None:
     # What joints that are alike have need not be shown to be there as other physics has.
     if not point.cost < (1 - settings.material) * float(before @ before):
         return None
-    try:
-        return trials.add(as_it_is(trials.problem, point.effects))
-    except np.linalg.LinAlgError:
-        return None
+    return trials.as_it_is(point.effects)
 
 
 def least_gain(effects: Sequence[Effect], settings: ChooseSettings) -> float:

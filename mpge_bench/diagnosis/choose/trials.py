@@ -120,6 +120,11 @@ class Trials:
         self.models.append(self.fitted(model))
         return model
 
+    def as_it_is(self, effects: Sequence[Effect]) -> Model | None:
+        """The model of `effects` with the parameters that they have, noted as one that may be chosen; None where the linearised simulator flies apart."""
+        found = as_it_is(self.problem, effects)
+        return None if found is None else self.add(found)
+
     def levels(self, models: Sequence[Model]) -> list[float]:
         """How much each of `models` misses, times what noise and physics step make, as mean squares, by which they are chosen.
 
@@ -276,10 +281,7 @@ class Trials:
         # As much as is asked of models there (`is_better`).
         if not self._used(effects) ** 2 < (1 - self.settings.coarse_material) * self._used(model.effects) ** 2:
             return model
-        try:
-            return self.add(as_it_is(self.problem, effects))
-        except np.linalg.LinAlgError:
-            return model
+        return self.as_it_is(effects) or model
 
     def again(self, model: Model, fitter: LinearFitter, evaluations: int) -> tuple[tuple[Model, LinearFitter], float]:
         """`model` fitted anew about its own fit or, where that gains nothing, as it is, with its fitter; and the gain."""

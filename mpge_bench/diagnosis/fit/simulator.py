@@ -42,17 +42,20 @@ def polished(problem: Problem, effects: Sequence[Effect], *, evaluations: int | 
     return _judged(problem, fitter, best, fit.jacobian)
 
 
-def as_it_is(problem: Problem, effects: Sequence[Effect]) -> Model:
-    """The model of `effects` with the parameters that they have.
+def as_it_is(problem: Problem, effects: Sequence[Effect]) -> Model | None:
+    """The model of `effects` with the parameters that they have; None where the linearised simulator flies apart under them."""
+    try:
+        return described(problem, effects)[0]
+    except np.linalg.LinAlgError:
+        return None
+
+
+def described(problem: Problem, effects: Sequence[Effect]) -> tuple[Model, LinearFitter]:
+    """The model of `effects` with the parameters that they have, and the fitter about them.
 
     Raises:
         LinAlgError: where the linearised simulator flies apart under them.
     """
-    return described(problem, effects)[0]
-
-
-def described(problem: Problem, effects: Sequence[Effect]) -> tuple[Model, LinearFitter]:
-    """As `as_it_is`, and the fitter about them."""
     fitter = problem.fitter(tuple(effects))
     fit = _differentiated(problem, fitter, fitter.at(effects))
     return _judged(problem, fitter, _refined(problem, fitter, fit, 0), fit.jacobian)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,13 +13,12 @@ from mpge_bench.diagnosis.fit.problem import Model, Problem, problem
 from mpge_bench.diagnosis.fit.simulator import as_it_is
 from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DiagnosisSettings
-from mpge_bench.envs.effects import Effect
 
 
 def left_of(choice: Choice, parts: Parts) -> Model | None:
     """The answer, held against the held-out recordings as it is; None where these are too short for a window, or the simulation flies apart."""
     held = _posed(choice.problem, parts)
-    return None if held is None else _as_it_is(held, choice.chosen.effects)
+    return None if held is None else as_it_is(held, choice.chosen.effects)
 
 
 def is_nearer(choice: Choice, parts: Parts) -> bool:
@@ -28,7 +26,7 @@ def is_nearer(choice: Choice, parts: Parts) -> bool:
     held = _posed(choice.problem, parts)
     if held is None:
         return False
-    with_it, without = (_as_it_is(held, effects) for effects in (choice.chosen.effects, ()))
+    with_it, without = (as_it_is(held, effects) for effects in (choice.chosen.effects, ()))
     return with_it is not None and is_whole(with_it, held.settings) and (without is None or is_doubtless(held, without, with_it))
 
 
@@ -42,13 +40,6 @@ def _posed(posed: Problem, parts: Parts) -> Problem | None:
     except np.linalg.LinAlgError:
         return None
     return replace(held, sigma=posed.sigma)
-
-
-def _as_it_is(held: Problem, effects: Sequence[Effect]) -> Model | None:
-    try:
-        return as_it_is(held, effects)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def is_whole(model: Model, settings: DiagnosisSettings) -> bool:
