@@ -28,8 +28,9 @@ from rich.table import Table
 from mpge_bench.concealed.answer import said
 from mpge_bench.concealed.score import Truth, cases_of, effects_of
 from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.plainest import merged
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.choose.twins import merged, twins
+from mpge_bench.diagnosis.choose.twins import twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.parts import parted

@@ -9,8 +9,10 @@ from scipy import stats
 
 from mpge_bench.diagnosis.choose.beam import grow, shown_to_some
 from mpge_bench.diagnosis.choose.clock import Clock
+from mpge_bench.diagnosis.choose.columns import Twin
 from mpge_bench.diagnosis.choose.curves import with_curves
 from mpge_bench.diagnosis.choose.formulas import with_formulas
+from mpge_bench.diagnosis.choose.plainest import merged, plainest
 from mpge_bench.diagnosis.choose.restarts import by_recorded_states
 from mpge_bench.diagnosis.choose.richer import richer
 from mpge_bench.diagnosis.choose.score import is_doubtless, odds
@@ -18,7 +20,7 @@ from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, plainer, simplest, unbeaten
 from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.choose.twins import Twin, as_fitted, merged, of_two, plainest, twins
+from mpge_bench.diagnosis.choose.twins import as_fitted, of_two, twins
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.exported import ExportedMisses
+from mpge_bench.diagnosis.choose.plainest import Plainness, plainness
 from mpge_bench.diagnosis.choose.points import Effects, Point, best_of_each, cost_of, fitted, looked
 from mpge_bench.diagnosis.choose.score import means_something
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.choose.twins import Plainness, plainness
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.told import spanned, unit_length, without

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mpge_bench.diagnosis.choose.clock import Clock
-from mpge_bench.diagnosis.choose.twins import Plainness, plainness
+from mpge_bench.diagnosis.choose.plainest import Plainness, plainness
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.settings import ReplaySettings
 from mpge_bench.diagnosis.transitions.evidence import likeness, repeats

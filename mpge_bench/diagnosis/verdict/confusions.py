@@ -5,8 +5,8 @@ from __future__ import annotations
 from scipy import stats
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.columns import Twin
 from mpge_bench.diagnosis.choose.exported import ExportedError
-from mpge_bench.diagnosis.choose.twins import Twin
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.hypotheses.candidates import key, label
 from mpge_bench.diagnosis.verdict.result import Confusion, Rival

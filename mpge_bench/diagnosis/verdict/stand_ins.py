@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from mpge_bench.diagnosis.choose.twins import plainness
+from mpge_bench.diagnosis.choose.plainest import plainness
 from mpge_bench.diagnosis.hypotheses.candidates import Candidate
 from mpge_bench.diagnosis.settings import ChooseSettings
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mpge_bench.diagnosis.choose import plainest as plainest_module
 from mpge_bench.diagnosis.choose import simplest as simplest_module
-from mpge_bench.diagnosis.choose import twins as twins_module
 from mpge_bench.diagnosis.choose.choice import _settled
+from mpge_bench.diagnosis.choose.columns import Twin
+from mpge_bench.diagnosis.choose.plainest import plainest
 from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, simplest, unbeaten
 from mpge_bench.diagnosis.choose.trials import Trials
-from mpge_bench.diagnosis.choose.twins import Twin, plainest
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
 from mpge_bench.envs.effects import Armature, Backlash, CoulombFriction, Delay, JointElasticity, Payload, SensorDelay, ViscousFriction
@@ -70,8 +71,8 @@ def test_an_answer_that_does_nothing_is_none(trials: Trials) -> None:
     rotor = trials.add(as_it_is(asked, (Armature("elbow", 1e-7),)))
     near = [Twin((Delay("elbow", 0.0),), rotor.effects, 0.0, 0.0)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(twins_module, "twins", lambda *_: near)
-        patch.setattr(twins_module, "plainness", lambda effect, **_: (effect.name != "delay",))
+        patch.setattr(plainest_module, "twins", lambda *_: near)
+        patch.setattr(plainest_module, "plainness", lambda effect, **_: (effect.name != "delay",))
         assert plainest(trials, rotor) is trials.nominal
 
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import pytest
 
 from mpge_bench.diagnosis.choose.choice import Choice
+from mpge_bench.diagnosis.choose.columns import Twin
 from mpge_bench.diagnosis.choose.exported import ExportedMisses, exported_error
-from mpge_bench.diagnosis.choose.twins import Twin
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import Fit
 from mpge_bench.diagnosis.fit.problem import Model
