@@ -184,7 +184,7 @@ class Trials:
         """Whether all windows together say beyond chance that `one` predicts better than `other`, if by however little; of none far from the noise."""
         share, error = gain(other, one, np.ones_like(self.problem.validation))
         # Of two that are the same physics one may be nearer in every window, by rounding.
-        told = float(np.sum(other.fit.cost - one.fit.cost)) > self.settings.errors**2
+        told = self._explained(other, one) > self.settings.errors**2
         return told and share > self.settings.errors * error and not self.are_far([one, other])
 
     def _is_sharper(self, simple: Model, rich: Model) -> bool:

@@ -65,6 +65,16 @@ def test_of_what_is_one_but_for_rounding_neither_is_likelier(rig: Rig) -> None:
     assert not trials.is_likelier(rotor, nearer(1e-2))
 
 
+def test_a_model_is_no_less_likely_for_another_leaving_itself_more_room(rig: Rig) -> None:
+    """A delay was called a lag, whose prediction of some windows half the physics step changes more: in units of that room it misses less."""
+    trials = searching(posed(rig, Armature("shoulder", 0.02), seconds=4.0, noise=1e-3))
+    rotor = trials.add(trials.to_the_end([Armature("shoulder", 0.02)]))
+    nearer = replace(rotor, missed=0.95 * rotor.missed)
+    roomy = replace(rotor, missed=rotor.missed / 2, tolerance=2 * rotor.tolerance, fit=replace(rotor.fit, residuals=np.sqrt(0.5) * rotor.fit.residuals))
+    assert trials.is_likelier(nearer, roomy)
+    assert not trials.is_likelier(roomy, nearer)
+
+
 def test_of_the_same_physics_the_plainer_is_chosen_wherever_its_fit_stopped(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     """A link's weight stood for the rotor that is the same, as one violent window of those that models are chosen by was missed by less."""
     trials = searching(posed(rig, Armature("shoulder", 0.02), seconds=4.0, noise=1e-3))
