@@ -20,8 +20,8 @@ from mpge_bench.leaderboard.tables import section_sheets
 _HEAD = """# Results
 
 Written by `python -m mpge_bench leaderboard --update` from the results below `leaderboard/results`; do not edit. What is measured, and under which rules, says
-[docs/benchmark.md](../docs/benchmark.md); what they say of each pair, [docs/results.md](../docs/results.md). Figures are interquartile means over runs, in brackets 95% bootstrap intervals, or with fewer than five runs their
-values.
+[docs/benchmark.md](../docs/benchmark.md); what they say of each pair, [docs/results.md](../docs/results.md).
+Figures are interquartile means over runs, in brackets 95% bootstrap intervals, or with fewer than five runs their values.
 """
 
 

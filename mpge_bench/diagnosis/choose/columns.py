@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ class Twin:
         distance: between the two models' predictions at the other's best parameters, standard deviations of what the chosen one leaves.
         change: by which the replaced effects move the prediction, in the same units.
         at_least: whether they may be farther apart: what came so near is a sum of what the other effect does with several values of its parameters.
+        model: of these effects, fitted to the end; None where the linearised simulator alone has been asked.
     """
 
     effects: tuple[Effect, ...]
@@ -39,6 +40,7 @@ class Twin:
     distance: float
     change: float
     at_least: bool = False
+    model: Model | None = field(default=None, compare=False, repr=False)
 
 
 class Columns:

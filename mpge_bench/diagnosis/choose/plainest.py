@@ -27,10 +27,10 @@ def plainest(trials: Trials, chosen: Model) -> Model:
     """
     placed: set[str] = set()
     for _ in chosen.effects:
-        near = [one for one in twins(trials, chosen) if one.distance < trials.settings.apart and placed.isdisjoint(key(one.replaced))]
-        plainer = _plainer(near)
+        alike = [one for one in twins(trials, chosen) if placed.isdisjoint(key(one.replaced))]
+        plainer = _plainer([one for one in alike if one.distance < trials.settings.apart])
         found = _first_as_good(trials, chosen, plainer, _PLAINEST)
-        likelier = None if found else _likelier(trials, chosen, [one for one in near if one not in plainer and one.distance > trials.settings.hardly_apart])
+        likelier = None if found else _likelier(trials, chosen, [one for one in alike if one not in plainer])
         if found is None:
             return without_idle(trials, likelier) if likelier else chosen
         placed |= found.key - chosen.key
@@ -49,11 +49,15 @@ def _plainer(near: Sequence[Twin]) -> list[Twin]:
     return sorted(plainer, key=lambda one: (one.effects[-1].on != "sensor", order(one, one.effects[-1])))
 
 
-def _likelier(trials: Trials, chosen: Model, near: Sequence[Twin]) -> Model | None:
-    """The likeliest of those of the models `near` that are likelier than `chosen` with no more parameters; the ones most apart are fitted."""
+def _likelier(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> Model | None:
+    """The likeliest of those of the models `alike` that are likelier than `chosen` with no more parameters; of those near it the ones most apart are fitted."""
     found: Model | None = None
-    for twin in sorted(near, key=lambda one: -one.distance)[: trials.settings.twins]:
-        model = model_of(trials, twin, _PLAINEST)
+    settings = trials.settings
+    near = [one for one in alike if settings.hardly_apart < one.distance < settings.apart]
+    # One that is told may still be the better one, if it had been fitted from elsewhere.
+    told = [one for one in alike if one.model and one.distance >= settings.apart]
+    for twin in [*told, *sorted(near, key=lambda one: -one.distance)[: settings.twins]]:
+        model = twin.model or model_of(trials, chosen, twin, _PLAINEST)
         if model is None:
             break
         if model.parameters <= chosen.parameters and trials.is_likelier(model, found or chosen) and not trials.loses(model, chosen):

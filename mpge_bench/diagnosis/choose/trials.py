@@ -68,6 +68,7 @@ class Trials:
         #: What starting states leave of what half the step changes, as a sum of squares in standard deviations of the noise.
         self._stepped = float(np.sum(predictor.project(predictor.halved_error) ** 2))
         self.models: list[Model] = [self.nominal]
+        self._anew: set[frozenset[str]] = set()
 
     @property
     def settings(self) -> ChooseSettings:
@@ -213,6 +214,13 @@ class Trials:
         """Whether `rich`, as it would be exported, misses a tenth more than `simple` of what models are chosen by, and by more than noise and step make."""
         more, less = (self._exported(one.effects) ** 2 for one in (rich, simple))
         return not self.no_worse(rich, simple, within=self.settings.coarse_material) and more - less > self._floor**2
+
+    def once_more(self, effects: Sequence[Effect], stage: str) -> Model | None:
+        """`effects` fitted to the end from where they are, though they were before from elsewhere; None where that was done, or there is no time for it."""
+        if key(effects) in self._anew or self.cut_short(stage):
+            return None
+        self._anew.add(key(effects))
+        return self.to_the_end(effects)
 
     def known(self) -> dict[frozenset[str], Model]:
         """The last model of each set of effects."""

@@ -82,20 +82,29 @@ def _fitted(trials: Trials, chosen: Model, twin: Twin) -> Twin:
 
     What one simulator linearised about either model cannot tell apart is one: two fits to the end differ by where they stopped, too.
     """
-    model = model_of(trials, twin, "telling twins apart")
+    model = model_of(trials, chosen, twin, "telling twins apart")
     if model is None:
         return twin
     distance = _between(trials, chosen, model) / max(1.0, chosen.train) ** 0.5
     seen = [twin, *(one for one in _by_columns(trials, model, only=label(twin.replaced)) if key(one.effects) == chosen.key)]
     fitted = {label([one]): one for one in model.effects}
     effects = tuple(fitted[label([one])] for one in twin.effects)
-    return replace(twin, effects=effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False)
+    return replace(twin, effects=effects, distance=min([distance, *(one.distance for one in seen if not one.at_least)]), at_least=False, model=model)
 
 
-def model_of(trials: Trials, twin: Twin, stage: str) -> Model | None:
-    """The model of the effects of `twin`, fitted to the end if it was not fitted before; None where there is no time."""
+def model_of(trials: Trials, chosen: Model, twin: Twin, stage: str) -> Model | None:
+    """The model of the effects of `twin`, fitted to the end if it was not fitted before; None where there is no time.
+
+    Or, if that misses more than `chosen`, as it may from where it was begun, fitted anew from the chosen model's parameters.
+    """
+    train, within = ~trials.problem.validation, trials.settings.material
     known = trials.known().get(key(twin.effects))
-    return known or (None if trials.cut_short(stage) else trials.add(trials.to_the_end(twin.effects)))
+    if known is None:
+        return None if trials.cut_short(stage) else trials.add(trials.to_the_end(twin.effects))
+    if known.train > trials.settings.near or known.misses_no_more(chosen, train, within):
+        return known
+    anew = trials.once_more(twin.effects, stage)
+    return known if anew is None or known.misses_no_more(anew, train) else trials.add(anew)
 
 
 def _between(trials: Trials, chosen: Model, other: Model) -> float:
