@@ -11,7 +11,7 @@ from mpge_bench.diagnosis.choose.plainest import merged, plainest, plainness
 from mpge_bench.diagnosis.choose.twins import twins
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.problem import Model
-from mpge_bench.diagnosis.fit.simulator import polished
+from mpge_bench.diagnosis.fit.simulator import as_it_is, polished
 from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.envs.effects import Armature, ComOffset, DeadZone, Delay, Effect, Gravity, InertiaScale, Lag, MassScale, Payload, SensorBias, TorqueGain
 
@@ -50,6 +50,15 @@ def test_of_what_is_hardly_told_apart_the_likelier_is_chosen_be_it_less_plain(ri
     assert min(one.distance for one in twins(trials, lag) if key(one.effects) == delay.key) < trials.settings.apart
     for chosen in (lag, delay):
         assert plainest(trials, chosen).key == key([hidden])
+
+
+def test_what_was_fitted_from_elsewhere_is_fitted_from_the_answers_parameters(rig: Rig) -> None:
+    """A late motor was called a lag: beside a late sensor its fit had stopped short."""
+    hidden = Delay("elbow", 0.01)
+    trials = searching(posed(rig, hidden, seconds=4.0, noise=0.002))
+    lag, short = trials.add(trials.to_the_end([Lag("elbow", 0.01)])), trials.add(as_it_is(trials.problem, [Delay("elbow", 0.009)]))
+    assert trials.is_likelier(lag, short)
+    assert plainest(trials, lag).key == key([hidden])
 
 
 def test_of_what_is_one_but_for_rounding_neither_is_likelier(rig: Rig) -> None:
