@@ -97,11 +97,11 @@ def model_of(trials: Trials, chosen: Model, twin: Twin, stage: str) -> Model | N
 
     Or, if that misses more than `chosen`, as it may from where it was begun, fitted anew from the chosen model's parameters.
     """
-    train, within = ~trials.problem.validation, trials.settings.material
     known = trials.known().get(key(twin.effects))
     if known is None:
         return None if trials.cut_short(stage) else trials.add(trials.to_the_end(twin.effects))
-    if known.train > trials.settings.near or known.misses_no_more(chosen, train, within):
+    train = ~trials.problem.validation
+    if known.train > trials.settings.near or known.misses_no_more(chosen, train, trials.settings.material):
         return known
     anew = trials.once_more(twin.effects, stage)
     return known if anew is None or known.misses_no_more(anew, train) else trials.add(anew)

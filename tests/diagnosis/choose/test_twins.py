@@ -188,10 +188,11 @@ def test_what_is_one_as_seen_from_either_side_is_one(monkeypatch: pytest.MonkeyP
     chosen, rival = (SimpleNamespace(fit=Fit((one,), np.full((4, 4), left), np.zeros((0, 4, 4))), train=1.0) for one, left in ((gravity, 1.0), (sensor, 2.0)))
     for one in (chosen, rival):
         one.effects, one.key = one.fit.effects, key(one.fit.effects)
+        one.misses_no_more = lambda other, windows, within: True
     seen = {chosen.key: [Twin((sensor,), (gravity,), 66.0, 3000.0)], rival.key: [Twin((gravity,), (sensor,), 0.4, 3000.0)]}
     monkeypatch.setattr(twins_module, "_by_columns", lambda trials, model, *, only=None: seen[model.key])
     judge = SimpleNamespace(predictor=SimpleNamespace(weight=np.ones((4, 4)), halved_error=np.zeros((4, 4)), project=lambda error: error))
-    problem = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: judge)
+    problem = SimpleNamespace(settings=DEFAULT, validation=np.zeros(4, bool), fitter=lambda effects: judge)
     trials: Any = SimpleNamespace(problem=problem, settings=DEFAULT.choose, known=lambda: {rival.key: rival})
     (found,) = twins(trials, chosen)  # type: ignore[arg-type]
     assert found.distance == pytest.approx(0.4)
