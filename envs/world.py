@@ -15,7 +15,7 @@ from mpge_bench.envs.effects.effect import Effect, Hidden
 from mpge_bench.envs.effects.joint import CoulombFriction, JointSpring
 from mpge_bench.envs.engine import bullet
 from mpge_bench.envs.errors import UserError
-from mpge_bench.envs.ground import Ground, lay_ground, let_bounce
+from mpge_bench.envs.ground import Ground, lay_ground, let_bounce, let_swing
 from mpge_bench.envs.layout import BASE_DQ, BASE_Q, checked_state
 from mpge_bench.envs.model import Model
 from mpge_bench.envs.picture import Image, picture
@@ -82,6 +82,7 @@ class World(Articulation):
             raise UserError("an effect moves the ground, and there is none here; take the effect out")
         if bouncing or model.bounces():
             let_bounce(self._body, self._client)
+        let_swing(self._body, model.soft, timestep, self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]

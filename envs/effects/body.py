@@ -252,7 +252,7 @@ class ContactCompliance(OfModel):
     parameters = {"stiffness": Parameter("N/m", 1.0, 1e9, neutral=math.inf), "damping": Parameter("N s/m", 0.0, 1e7, neutral=math.inf)}
 
     def install(self, model: Model) -> None:
-        model.set_contact(self.target, stiffness=self.stiffness, damping=self.damping)
+        model.soften(self.target, self.stiffness, self.damping)
 
     @classmethod
     def starts(cls, scale: Scale) -> list[dict[str, Any]]:

@@ -55,7 +55,8 @@ class Ground:
         """
         if self.soft:
             stiffness, damping = self.soft["stiffness"], self.soft["damping"]
-            # Spring and damper at the end of the step.
+            # Spring and damper at the end of the step, which damps by itself.
+            damping = max(0.0, damping - h * stiffness)
             yields = np.where(gaps < 0, 1 / (h * (h * stiffness + damping)), 0.0)
             wanted = np.where(gaps < 0, -gaps * stiffness / (h * stiffness + damping), -np.inf)
         else:

@@ -17,7 +17,7 @@ from mpge_bench.concealed.compare import compare
 from mpge_bench.concealed.draw import AFLOAT, FLOATING, GEOMETRY, LEAST_VISIBLE, MISPLACED, drawn, key_of, places, rig_of, visible
 from mpge_bench.concealed.floating import SHAPES, FloatingRig, level
 from mpge_bench.concealed.make import make
-from mpge_bench.concealed.mechanism import Array, Case, Effect, Rig
+from mpge_bench.concealed.mechanism import PERIOD, Array, Case, Effect, Rig
 from mpge_bench.concealed.score import Truth, score
 from mpge_bench.concealed.thrown import FloatingTruth
 from mpge_bench.diagnosis.data.recording import read_recording
@@ -59,6 +59,13 @@ def test_what_lies_softly_sinks_in_until_the_spring_bears_it() -> None:
     rig, places, speeds = motion("ball", [Effect("contact_compliance", "body", {"stiffness": 2000.0, "damping": 60.0})], [0, 0, 0], [0, 0, 0], 60)
     assert abs(speeds[-1, 2]) < 1e-3
     assert rig.size[0] - places[-1, 2] == pytest.approx(rig.links[0].mass * 9.81 / 2000, rel=0.02)
+
+
+def test_what_lies_softly_swings_for_as_long_as_its_damper_lets_it() -> None:
+    rig, _, speeds = motion("ball", [Effect("contact_compliance", "body", {"stiffness": 4000.0, "damping": 8.0})], [0, 0, 0], [0, 0, 0], 40)
+    falling = speeds[1:, 2]
+    shrunk = -np.linalg.lstsq(np.stack((falling[1:-1], falling[:-2]), 1), falling[2:], rcond=None)[0][1]
+    assert -np.log(shrunk) / PERIOD == pytest.approx(8.0 / rig.links[0].mass, rel=0.05)
 
 
 @pytest.fixture
