@@ -29,7 +29,7 @@ from mpge_bench.diagnosis.predict.smooth import reference
 from mpge_bench.diagnosis.settings import DEFAULT
 from mpge_bench.envs.effects import Armature, CoulombFriction, Effect, ViscousFriction
 
-#: What the publications say; sources in docs/diagnosis-figures.md.
+#: What the publications say; sources in docs/measured-machines.md.
 PUBLISHED = {
     "driven_double_pendulum_a0": "friction b dq + cf atan(100 dq), b .001, .001, cf .093, .078 (plateaus .146, .123 N m); rotor inertia .0028 kg m²; play .15°",
     "driven_double_pendulum_c0": "b .0111, .0044, cf .0928, .0771 (plateaus .146, .121 N m); rotor inertia .0023 kg m²; play .15°",
