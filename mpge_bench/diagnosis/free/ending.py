@@ -8,6 +8,7 @@ from dataclasses import replace
 from mpge_bench.diagnosis.choose.clock import Clock
 from mpge_bench.diagnosis.free.search import FreeSearch
 from mpge_bench.diagnosis.transitions.fit import Model, fitted
+from mpge_bench.diagnosis.transitions.trials import ENDING
 
 _log = logging.getLogger(__name__)
 
@@ -28,7 +29,7 @@ def polished(search: FreeSearch, model: Model) -> Model:
     """
     free = search.evidence.settings.free
     fine = replace(search.settings, difference=free.fine, walks=free.fine_walks, walked=0.0)
-    while model.hypotheses and search.is_smooth and not search.late("fitting the answer to its end"):
+    while model.hypotheses and search.is_smooth and not search.late(ENDING):
         found = fitted(search.replay, model.hypotheses, model.values, search.rows, fine, fine.iterations_polish, search.workers)
         _log.debug("polished %s: %.4g, %.3g", found.values, found.description, found.missed)
         gained = model.description - found.description

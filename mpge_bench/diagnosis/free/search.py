@@ -20,7 +20,7 @@ from mpge_bench.diagnosis.transitions.evidence import Comparison
 from mpge_bench.diagnosis.transitions.fit import Model, Parameters, Predictor, Rows, model_of, slopes_of, standard_errors
 from mpge_bench.diagnosis.transitions.hypotheses import Hypothesis
 from mpge_bench.diagnosis.transitions.screen import Refit, refit_of
-from mpge_bench.diagnosis.transitions.trials import plainness_of
+from mpge_bench.diagnosis.transitions.trials import ENDING, plainness_of
 from mpge_bench.envs.effects import Delay
 
 Array = npt.NDArray[np.float64]
@@ -283,7 +283,7 @@ class FreeSearch(Search):
             return self.last
         idle = 0
         for turn in range(free.settled):
-            if self.late("fitting the answer to its end"):
+            if self.late(ENDING):
                 break
             # After two turns it moves by little, and derivatives are what they are.
             if turn < free.relinearised:

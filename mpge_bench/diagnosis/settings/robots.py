@@ -154,7 +154,7 @@ class FreeSettings:
     contest: float = setting(0.01, "nats an entry", "by which such a rival may describe worse before that")
     still: float = setting(0.3, "standard errors", "by which that moves no parameter any more")
     idle: int = setting(2, "times", "on end that this gains less than equals differ by, and is over: parameters that hardly matter move on")
-    interval: float = setting(6.0, "standard errors", "that a 95% interval reaches either way (92 of 101 held): laws of contact differ by more than steps")
+    interval: float = setting(6.0, "standard errors", "that a 95% interval reaches either way (157 of 175 held): laws of contact differ by more than steps")
     choosing: float = setting(0.25, "share", "of what is searched on, by which models are chosen that were fitted to the rest")
     judged: int = setting(8, "models", "the best ones, are held against what models are chosen by")
     against: float = setting(0.75, "share of these windows", "which another model describes better: beyond it no chance is allowed for")

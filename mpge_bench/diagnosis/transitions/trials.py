@@ -22,6 +22,8 @@ from mpge_bench.envs.effects import Effect
 
 Array = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
+#: What is said to be cut short where an answer is not at its end, so that its intervals are too short.
+ENDING = "fitting the answer to its end"
 #: More than any robot has links.
 _EVERYTHING = 1000
 
@@ -127,7 +129,7 @@ class Trials:
     def converged(self, hypotheses: Sequence[Hypothesis], values: Sequence[Sequence[float]]) -> Model:
         """As `fitted`, in all processes, and on for as long as that gains."""
         model = self.fitted(hypotheses, values, self.workers)
-        while not self.late("fitting the answer to its end"):
+        while not self.late(ENDING):
             further = self.fitted(model.hypotheses, model.values, self.workers)
             _log.debug("%s: %.4g, %.3g", further.values, further.description, further.missed)
             gained, model = model.description - further.description, further
