@@ -603,6 +603,10 @@ class JointElasticity(Effect):
         creeps = self.damping**2 > 4 * self.stiffness * self.motor_inertia
         return Armature(self.target, self.motor_inertia) if creeps else None
 
+    def stands_for(self) -> Effect | None:
+        # A light motor that creeps is pushed through its damper, which passes on what it is asked for as late as it takes to get there.
+        return Lag(self.target, self.motor_inertia / self.damping) if self.turned_into() else None
+
     @staticmethod
     def _swinging(hertz: float, inertia: float, scale: Scale) -> dict[str, Any]:
         """With a motor of such an `inertia`, kg m², that swings against the joint at `hertz`, but not for long: what rings is soon out of step with what did,

@@ -442,6 +442,10 @@ class Effect:
         """The plainer effect that a fit has made of it, where what else it says changes nothing any more and no fit comes out; None if there is none."""
         return None
 
+    def stands_for(self) -> Effect | None:
+        """The plainer effect that does about the same where its own parameters mean nothing; None if there is none."""
+        return None
+
     @classmethod
     def holding(cls, torque: float) -> list[dict[str, Any]]:
         """The same where its joint stands still though `torque`, N m, would move it; none if it holds nothing fast."""

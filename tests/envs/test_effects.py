@@ -1331,3 +1331,17 @@ def test_a_drive_that_creeps_is_a_rotor_and_nothing_else_turns_into_anything() -
     assert JointElasticity("elbow", 17.0, 2.24, 0.0047).turned_into() == Armature("elbow", 0.0047)
     assert JointElasticity("elbow", 10.5, 0.0255, 0.0046).turned_into() is None
     assert Backlash("elbow", 0.01, 0.0046).turned_into() is None
+
+
+@given(st.floats(0.02, 0.06), st.floats(1e-3, 5e-3))
+@settings(deadline=None, max_examples=20)
+def test_a_soft_drive_whose_light_motor_creeps_is_as_late_as_a_lag(wheel: Path, time_constant: float, share: float) -> None:
+    drive = JointElasticity("hinge", 1e-3, share * INERTIA / time_constant, share * INERTIA)
+    assert JointElasticity("hinge", 10.5, 0.0255, 0.0046).stands_for() is None
+    late = drive.stands_for()
+    assert isinstance(late, Lag)
+    assert late.time_constant == pytest.approx(time_constant)
+    commands = np.random.default_rng(0).uniform(-1, 1, 300)
+    commands[0] = 0.0
+    (_, driven), (_, lagging), (_, at_once) = (spin(wheel, commands, *effects) for effects in ((drive,), (late,), ()))
+    assert np.abs(driven - lagging).max() < 0.1 * np.abs(driven - at_once).max()

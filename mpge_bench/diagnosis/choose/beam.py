@@ -20,6 +20,7 @@ from mpge_bench.diagnosis.fit.noise import with_noise_of
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.screen import Screening, screen
 from mpge_bench.diagnosis.fit.simulator import nominal
+from mpge_bench.diagnosis.hypotheses.candidates import key
 from mpge_bench.diagnosis.settings import DiagnosisSettings
 
 Beam = list[tuple[Model, LinearFitter]]
@@ -198,14 +199,19 @@ def _by_levels(trials: Trials, pairs: Beam) -> Beam:
 
 
 def _without_idle(trials: Trials, pairs: Beam) -> Beam:
-    """`pairs` of which no effect is idle: where one that was there before is, now that another has come, the model is fitted without it."""
+    """`pairs` of which no effect is idle: where one that was there before is, now that another has come, the model is fitted without it.
+
+    And with the plainer one that it stands for, if there is such: a lag beside friction was a soft drive beside it, and then a stiffer one without.
+    """
     found, fewer = [], []
     for model, fitter in pairs:
         useless = list(idle(trials.problem, fitter, model.effects))
         if not useless:
             found.append((model, fitter))
         elif model.effects[-1] not in useless:
-            fewer.append([effect for effect in model.effects if effect not in useless])
+            kept = [effect for effect in model.effects if effect not in useless]
+            meant = [plain for effect in useless if (plain := effect.stands_for()) and not key([plain]) & key(kept)]
+            fewer += [kept, [*kept, *meant]] if meant else [kept]
     return [*found, *(pair for pair in trials.polished(fewer) if not any(idle(trials.problem, pair[1], pair[0].effects)))]
 
 

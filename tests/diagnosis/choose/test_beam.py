@@ -17,10 +17,10 @@ from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
 from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.screen import screen
-from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
+from mpge_bench.diagnosis.fit.simulator import as_it_is, described, nominal
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
 from mpge_bench.diagnosis.settings import DEFAULT
-from mpge_bench.envs.effects import Armature, CoulombFriction, DeadZone, Gravity, InertiaScale, JointSpring, MassScale, Payload
+from mpge_bench.envs.effects import Armature, CoulombFriction, DeadZone, Gravity, InertiaScale, JointElasticity, JointSpring, Lag, MassScale, Payload
 
 from ..conftest import posed, searching
 
@@ -46,6 +46,15 @@ def test_an_effect_that_another_has_made_needless_goes_and_the_other_stays(trial
 
 def test_an_effect_that_adds_nothing_is_not_taken_in(trials: Trials) -> None:
     assert _without_idle(trials, trials.polished([[HIDDEN, InertiaScale("lower", 1.2)]])) == []
+
+
+def test_a_drive_that_means_nothing_leaves_the_lag_that_it_stood_for(rig: Rig) -> None:
+    """A lag beside a friction of the load was an elastic drive: beside that friction it became so soft that it meant nothing, and the friction went with it."""
+    asked = posed(rig, Lag("shoulder", 0.0124), Payload("lower", 0.1, 0.3), seconds=4.0, noise=1e-3)
+    search = searching(asked)
+    pairs = [described(asked, (JointElasticity("shoulder", 1e-3, 1e-3 / 0.0124, 1e-3), Payload("lower", 0.1, 0.3)))]
+    found = min((model for model, _ in _without_idle(search, pairs)), key=lambda one: one.overall)
+    assert found.key == {"lag:shoulder", "payload:lower"}
 
 
 def test_a_model_that_was_found_beside_drafts_keeps_what_windows_hardly_show(trials: Trials) -> None:
