@@ -442,6 +442,10 @@ class Effect:
         """The plainer effect that a fit has made of it, where what else it says changes nothing any more and no fit comes out; None if there is none."""
         return None
 
+    def is_shown(self, scale: Scale) -> bool:
+        """Whether a motion of such a `scale` shows it for what it is."""
+        return True
+
     def stands_for(self) -> Effect | None:
         """The plainer effect that does about the same where its own parameters mean nothing; None if there is none."""
         return None

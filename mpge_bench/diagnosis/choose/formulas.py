@@ -91,7 +91,10 @@ def _is_much_better(trials: Trials, chosen: Model, rich: Model) -> bool:
 
 
 def lone_formula(trials: Trials) -> Model | None:
-    """A formula that by itself leaves next to nothing, which no other model then need be sought for; None where none does."""
+    """A formula that by itself leaves next to nothing, which no other model then need be sought for; None where none does.
+
+    Nor where the motion does not show it for what it is: part of a long wave is what a force and a bias are together.
+    """
     settings = trials.settings
     if trials.cut_short("formulas"):
         return None
@@ -107,7 +110,8 @@ def lone_formula(trials: Trials) -> Model | None:
             return None
         best = draft.fit
     model = trials.to_the_end(best.effects)
-    return trials.add(model) if model.overall < settings.coarse and is_told(model) else None
+    is_shown = all(effect.is_shown(trials.problem.scale(effect.target)) for effect in model.effects)
+    return trials.add(model) if model.overall < settings.coarse and is_shown and is_told(model) else None
 
 
 def _richer(trials: Trials, chosen: Model) -> Model | None:

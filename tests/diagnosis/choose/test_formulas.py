@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from mpge_bench.diagnosis.choose.formulas import is_told, lone_formula, with_for
 from mpge_bench.diagnosis.choose.simplest import needed
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.workers import Workers
-from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.data.rig import Rig, read_rig
 from mpge_bench.diagnosis.fit.problem import Model
 from mpge_bench.diagnosis.fit.simulator import polished
 from mpge_bench.diagnosis.hypotheses.candidates import candidates, key
@@ -28,6 +29,7 @@ from mpge_bench.envs.effects import (
     DeadZone,
     DriftingGain,
     Effect,
+    ExternalForce,
     JointSpring,
     OneWayFriction,
     OscillatingTorque,
@@ -36,12 +38,13 @@ from mpge_bench.envs.effects import (
     PeriodicTorque,
     SensorBias,
     SlopedFriction,
+    TorqueBias,
     TorqueGain,
     ViscousFriction,
 )
 from mpge_bench.envs.effects.vector import parameters_of
 
-from ..conftest import posed, searching
+from ..conftest import posed, searching, write_case
 
 
 def sought(rig: Rig, *hidden: Effect, deadline: float = math.inf) -> Trials:
@@ -267,3 +270,14 @@ def test_one_formula_stands_in_the_place_of_two_names_where_windows_leave_no_dou
     monkeypatch.setattr(trials, "are_far", lambda models: False)
     chosen = trials.add(polished(trials.problem, named)[0])
     assert {effect.name for effect in with_formulas(trials, chosen).effects} == found
+
+
+def test_part_of_a_long_wave_is_sought_among_names_first(tmp_path: Path) -> None:
+    """A force beside a biased motor was a torque of .063 sin(.36 q + 1.0), of which the motion showed an eighth."""
+    hidden = ExternalForce("arm", (-0.3, 0.0, 0.5)), TorqueBias("hinge", 0.2)
+    trials = searching(posed(read_rig(write_case(tmp_path, [*hidden])), *hidden, seconds=4.0))
+    wave, scale = PeriodicTorque("hinge", 0.3, 0.3, 0.8), trials.problem.scale("hinge")
+    assert not wave.is_shown(scale)
+    assert replace(wave, waves=4.0).is_shown(scale)
+    assert lone_formula(trials) is None
+    assert choose(trials.problem, trials.candidates, Workers(1), Clock(0.0, math.inf)).chosen.key == key(hidden)
