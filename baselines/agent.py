@@ -60,7 +60,6 @@ class AgentSettings(PPOSettings):
     by_promise: bool = True
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if min(self.rounds, self.candidates, self.finalists, self.checkpoints, self.episodes) < 1:
             raise UserError("settings rounds, candidates, finalists, checkpoints and episodes take 1 or more")
         if self.steps < 0:

@@ -20,7 +20,6 @@ from stable_baselines3.common.vec_env import VecEnv
 from mpge_bench.baselines import kernels
 from mpge_bench.baselines.policy import CLIP, LOG_STD_RANGE
 from mpge_bench.baselines.workers import Advance
-from mpge_bench.envs.errors import UserError
 
 #: float32 unless said otherwise.
 Array = npt.NDArray[Any]
@@ -37,8 +36,6 @@ class PPOSettings:
     Attributes:
         initial_std: standard deviation, in units of the action limit, with which exploration begins.
         width: of both hidden layers of actor and critic.
-        averaging: share of itself that the average of the weights keeps at each batch (Polyak & Juditsky 1992). The average is the policy that comes of it;
-            what acts and learns is not averaged. With 0 both are one.
     """
 
     worlds: int = 16
@@ -52,11 +49,6 @@ class PPOSettings:
     entropy_coefficient: float = 0.0
     initial_std: float = 0.5
     width: int = 64
-    averaging: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.averaging < 1:
-            raise UserError(f"setting averaging is {self.averaging}; give 0, for none, or more, but less than 1")
 
 
 class _Adam:
@@ -99,8 +91,8 @@ class ActorCritic:
         for name, shape in (further or {}).items():
             stacks[(name,)] = shape
         self.values = np.zeros(sum(len(names) * int(np.prod(shape)) for names, shape in stacks.items()), np.float32)
-        self._gradient, self._stacks = np.zeros_like(self.values), stacks
-        self.arrays, self._slopes = self.named(self.values), self.named(self._gradient)
+        self._gradient = np.zeros_like(self.values)
+        self.arrays, self._slopes = _views(self.values, stacks), _views(self._gradient, stacks)
         for side in ("policy", "value"):
             for layer, size in inputs.items():
                 self.arrays[f"mlp_extractor.{side}_net.{layer}.weight"][:] = np.sqrt(2) * _orthogonal((width, size), rng)
@@ -108,10 +100,6 @@ class ActorCritic:
         # Not used, but drawn as ever: what a seed gives shall stay.
         _orthogonal((action_size, width), rng)
         self.arrays["value_net.weight"][:] = _orthogonal((1, width), rng)
-
-    def named(self, values: Array) -> dict[str, Array]:
-        """Parts of a vector like `values` (p,) by their names, as views of it."""
-        return _views(values, self._stacks)
 
     def _observed(self, x: Array) -> Array:
         return np.ascontiguousarray(x[:, : x.shape[1] - self.passed]) if self.passed else x
@@ -226,7 +214,7 @@ class PPO:
         # A trained policy hardly explores any more; to learn another gait it must.
         self.network.arrays["log_std_net.weight"][:] = 0
         self.network.arrays["log_std_net.bias"][:] = np.log(settings.initial_std)
-        self._adam, self._average = _Adam(self.network.values.size), self.network.values.copy()
+        self._adam = _Adam(self.network.values.size)
         self._reward_scale = kernels.no_rewards()
         self._log_dir, self._logger = log_dir, cast(Logger | None, None)
         self.worlds = worlds
@@ -241,10 +229,9 @@ class PPO:
         self._scale = None
 
     def state(self) -> dict[str, Array]:
-        """Average of the weights, and input statistics, by name, as copies; a state dict of `GaussianPolicy`'s."""
+        """Weights and input statistics by name, as copies; a state dict of `GaussianPolicy`'s."""
         scale = {"features_extractor.mean": self.mean.astype(np.float32), "features_extractor.std": self.std.astype(np.float32)}
-        values = self._average if self.settings.averaging else self.network.values
-        return scale | {name: array.copy() for name, array in self.network.named(values).items()}
+        return scale | {name: array.copy() for name, array in self.network.arrays.items()}
 
     def learn(self, until: int, total: int, advance: Advance) -> None:
         """Learn until `until` control steps have been taken in all, in whole batches; the learning rate falls over `total` steps."""
@@ -308,7 +295,6 @@ class PPO:
             for begin in range(0, len(order), settings.batch_size):
                 batch = (values[begin : begin + settings.batch_size] for values in shuffled)
                 self._adam.step(self.network.values, self.network.gradient(*batch, settings=settings), rate)
-        self._average += (1 - settings.averaging) * (self.network.values - self._average)
         if self._scale is not None:
             self.mean, self.std = self._scale.mean.copy(), np.maximum(np.sqrt(self._scale.var), 1e-6)
 

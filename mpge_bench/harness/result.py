@@ -44,8 +44,6 @@ FORM: Mapping[str, Any] = {
     "wall_clock_s": {"grounding": "number", "agent": "number", "evaluation": "number", "total": "number"},
 }
 
-#: Settings of agents that have come since the first results, with what these were made with.
-_SINCE = {"averaging": 0.0}
 #: Of what a result's references were made of, that which may change without its being void: a better J* asks for other divisors, not for other runs.
 _EXCHANGEABLE = "target_policies"
 
@@ -70,12 +68,6 @@ def read_result(path: Path) -> dict[str, Any]:
     with reading(path, _WHAT, _ADVICE):
         check(data, FORM)
     return data
-
-
-def settings_of(result: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a `result`; those that have come since it was made are there as they were before."""
-    settings: dict[str, Any] = result["settings"]
-    return settings | {"agent": _SINCE | settings["agent"]} if isinstance(settings.get("agent"), dict) else settings
 
 
 def unchecked_result(path: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 from mpge_bench.baselines.grounding.finished import NAME as FINISHED
 from mpge_bench.envs import get_task
 from mpge_bench.envs.errors import UserError
-from mpge_bench.harness.result import read_result, settings_of
+from mpge_bench.harness.result import read_result
 from mpge_bench.harness.settings import RunSettings
 
 #: In a run's partial folder, held while the run is made.
@@ -39,7 +39,7 @@ def present_result(settings: RunSettings, out: Path, chosen: Any = None) -> dict
     found = read_result(path)
     if found["pair"] != task.to_dict():
         raise UserError(f"{path} holds the result of another pair called {task.name}; rename the pair, or choose another folder with --out")
-    if settings_of(found) != json.loads(json.dumps(asdict(chosen or settings.effective()))):
+    if found["settings"] != json.loads(json.dumps(asdict(chosen or settings.effective()))):
         raise UserError(f"{path} holds a result with other settings (the preset has changed since); remove it, or choose another folder with --out")
     return found
 

@@ -14,7 +14,7 @@ import pandas as pd
 from mpge_bench.envs import stated_task
 from mpge_bench.envs.errors import UserError
 from mpge_bench.harness.perfect import Perfect
-from mpge_bench.harness.result import OldResultError, files_under, read_result, settings_of
+from mpge_bench.harness.result import OldResultError, files_under, read_result
 from mpge_bench.leaderboard.estimates import Estimate, Scores, improvements, interquartile_mean
 
 #: Percentages of the target budget at which MULTIPOLAR reports.
@@ -92,7 +92,7 @@ def _row(result: dict[str, Any]) -> dict[str, Any]:
         **{f"{part}_minutes": result["wall_clock_s"][part] / 60 for part in ("grounding", "agent")},
         **{f"episode_{share}": _number(learnt.get(share)) for share in SHARES},
         "physics": tuple(sorted(result["fingerprints"].items())),
-        "settings": tuple(sorted(_leaves(settings_of(result)))),
+        "settings": tuple(sorted(_leaves(result["settings"]))),
     }
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -14,7 +12,6 @@ from mpge_bench.baselines.policy import GaussianPolicy, arrays
 from mpge_bench.baselines.ppo import PPO, PPOSettings
 from mpge_bench.baselines.vector import Worlds
 from mpge_bench.envs import get_task
-from mpge_bench.envs.errors import UserError
 
 #: Everything that can go wrong does: clipped ratios, clamped deviations, clipped gradients, a bonus on entropy.
 SETTINGS = PPOSettings(worlds=4, rollout_steps=32, batch_size=128, epochs=1, learning_rate=1e-2, entropy_coefficient=0.01, initial_std=0.4)
@@ -76,31 +73,6 @@ def test_an_update_is_that_of_stable_baselines3(agents):
     assert np.abs(after["action_net.weight"] - before.numpy()).max() > 0.02
     for name, array in ours.network.arrays.items():
         np.testing.assert_allclose(array, after[name], atol=2e-5, err_msg=name)
-
-
-def test_what_comes_of_it_is_the_average_of_what_learnt():
-    """What acts and learns is the same with and without."""
-    task, averaging, states = get_task("biased_pendulum"), 0.75, []
-    average = None
-    for settings in (SETTINGS, replace(SETTINGS, averaging=averaging)):
-        agent = PPO(Worlds(task.source, SETTINGS.worlds, 0), settings, 0)
-        average = agent.network.values.copy()
-        for batches in range(1, 4):
-            agent.learn(batches * SETTINGS.worlds * SETTINGS.rollout_steps, 10_000, _ignore)
-            average = averaging * average + (1 - averaging) * agent.network.values
-        states.append(agent.state())
-    plain, averaged = states
-    expected = agent.network.named(average)
-    for name, array in agent.network.arrays.items():
-        np.testing.assert_array_equal(array, plain[name], err_msg=name)
-        np.testing.assert_allclose(averaged[name], expected[name], atol=1e-6, err_msg=name)
-    assert np.abs(averaged["action_net.weight"] - plain["action_net.weight"]).max() > 1e-4
-
-
-@pytest.mark.parametrize("averaging", [-0.1, 1.0])
-def test_an_average_keeps_a_share(averaging):
-    with pytest.raises(UserError, match="averaging"):
-        PPOSettings(averaging=averaging)
 
 
 def test_advantages_are_those_of_stable_baselines3(agents):

@@ -40,8 +40,8 @@ def numbers(kind, path=""):
             yield path + name, hint
 
 
-#: Those that are checked; tests/baselines/test_agent.py and test_ppo.py have the checks.
-CHECKED = {f"agent.{name}" for name in ("steps", "rounds", "candidates", "finalists", "checkpoints", "episodes", "averaging")}
+#: Those that are checked against each other; tests/baselines/test_agent.py has the checks.
+CHECKED = {f"agent.{name}" for name in ("steps", "rounds", "candidates", "finalists", "checkpoints", "episodes")}
 #: Every other numeric setting of mpg, by its dotted key.
 NUMBERS = {key: kind for key, kind in numbers(MPGSettings) if key not in CHECKED}
 VALUES = {int: st.integers(-(10**12), 10**12), float: st.floats(allow_nan=False, allow_infinity=False)}

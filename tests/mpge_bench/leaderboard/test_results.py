@@ -106,15 +106,6 @@ def test_perfect_is_the_interquartile_mean_of_runs_with_the_preset_as_it_is(tmp_
     assert (found.mean, found.normalized, found.seeds, found.fingerprints) == (pytest.approx(9.0), pytest.approx(0.9), 5, NEW)
 
 
-def test_a_setting_that_came_later_is_what_was_done_before(tmp_path, write_result):
-    for seed, more in enumerate(({}, {"averaging": 0.0})):
-        write_result(tmp_path / f"{seed}/result.json", 0.5, seed=seed, settings={"agent": {"gamma": 0.9, **more}})
-    assert len(collect(tmp_path)) == 2
-    write_result(tmp_path / "2/result.json", 0.5, seed=2, settings={"agent": {"gamma": 0.9, "averaging": 0.9}})
-    with pytest.raises(UserError, match=r"seed0\+1 \(agent\.averaging 0\.0\); m/n10/smoke/seed2 \(agent\.averaging 0\.9\)"):
-        collect(tmp_path)
-
-
 def test_runs_that_differ_in_more_than_their_seed_are_no_sample(tmp_path, write_result):
     """A preset may have changed between two runs of one name."""
     for seed, steps in enumerate((600, 600, 1800)):
