@@ -60,7 +60,8 @@ def _likelier(trials: Trials, chosen: Model, alike: Sequence[Twin]) -> Model | N
         model = twin.model or model_of(trials, chosen, twin, _PLAINEST)
         if model is None:
             break
-        if model.parameters <= chosen.parameters and trials.is_likelier(model, found or chosen) and not trials.loses(model, chosen):
+        is_likelier = model.parameters <= chosen.parameters and trials.is_likelier(model, found or chosen)
+        if is_likelier and not trials.loses(model, chosen) and trials.stands(model):
             found = model
     return found
 
@@ -94,7 +95,7 @@ def _first_as_good(trials: Trials, chosen: Model, near: Sequence[Twin], stage: s
             continue
         # Starting states hide that a sensor is late, which is no motor's delay: from those that are recorded it is told.
         is_of_use = trials.no_worse(model, trials.nominal) or trials.no_worse(model, chosen, within=trials.settings.material)
-        if is_of_use and _is_as_good(trials, chosen, model, twin) and not trials.loses(model, chosen):
+        if is_of_use and _is_as_good(trials, chosen, model, twin) and not trials.loses(model, chosen) and trials.stands(model):
             return model
     return None
 

@@ -27,7 +27,7 @@ def _of_use(trials: Trials, models: Sequence[Model]) -> Model:
     equal = unbeaten(trials, models) if models else []
     if not equal:
         return trials.nominal
-    found = next((one for one in equal if trials.is_of_use(one)), None)
+    found = next((one for one in equal if trials.is_of_use(one) and trials.stands(one)), None)
     # What is not to be had beats nobody.
     return found or _of_use(trials, [one for one in models if not any(one is other for other in equal)])
 
@@ -58,7 +58,7 @@ def needed(trials: Trials, chosen: Model) -> Model:
             before = known.get(less.key)
             if before is None or less.overall < before.overall:
                 known[less.key] = trials.add(less)
-        kept = [less for less in map(known.get, map(key, fewer)) if less and not _beats(trials, less, chosen)]
+        kept = [less for less in map(known.get, map(key, fewer)) if less and not _beats(trials, less, chosen) and trials.stands(less)]
         if not kept:
             break
         chosen = min(kept, key=lambda one: one.validation)

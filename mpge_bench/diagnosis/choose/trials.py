@@ -200,6 +200,14 @@ class Trials:
         """Whether `rich`, as it would be exported, predicts what models are chosen by no worse than `simple`, but for a share `within` of the error."""
         return self._exported(rich.effects) <= (1 + within) * self._exported(simple.effects)
 
+    def stands(self, model: Model) -> bool:
+        """Whether the simulator can be linearised about `model`: where it flies apart, as about friction of 27 N m, nothing more can be asked."""
+        try:
+            self.problem.fitter(model.effects)
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
     def is_of_use(self, model: Model) -> bool:
         """Whether `model`, as it would be exported, predicts what models are chosen by no worse than the simulator without it.
 

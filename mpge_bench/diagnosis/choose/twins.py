@@ -133,7 +133,7 @@ def _by_columns(trials: Trials, chosen: Model, *, only: str | None = None) -> li
     """As `twins`, in no order, by the linearised simulator alone; with one candidate `only` where its label is given."""
     found: list[Twin] = []
     named = [one for one in chosen.effects if one.named]
-    if not named:
+    if not named or not trials.stands(chosen):
         return []
     columns = Columns(trials, chosen)
     for effect in named:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,11 @@ from mpge_bench.diagnosis.choose.plainest import plainest
 from mpge_bench.diagnosis.choose.settling import settled
 from mpge_bench.diagnosis.choose.simplest import acting, needed, simplest, unbeaten
 from mpge_bench.diagnosis.choose.trials import Trials
+from mpge_bench.diagnosis.choose.twins import twins
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.simulator import as_it_is, nominal
-from mpge_bench.envs.effects import Armature, Backlash, CoulombFriction, Delay, JointElasticity, Payload, SensorDelay, ViscousFriction
+from mpge_bench.envs.effects import Armature, Backlash, CoulombFriction, Delay, Effect, JointElasticity, Payload, SensorDelay, ViscousFriction
 
 from ..conftest import posed, searching
 
@@ -105,6 +108,23 @@ def test_what_is_no_better_than_nothing_as_exported_stands_in_nobodys_way(trials
     # Of no use is what there is.
     monkeypatch.setattr(trials, "is_of_use", lambda model: False)
     assert simplest(trials) is trials.nominal
+
+
+def test_about_what_the_linearised_simulator_flies_apart_is_no_answer(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A friction of 27 N m, whose fit had begun with less, ended a diagnosis in a traceback."""
+    right = trials.add(as_it_is(trials.problem, (Armature("elbow", 0.02),)))
+    wild = trials.add(replace(right, fit=replace(right.fit, effects=(CoulombFriction("elbow", 27.0),)), validation=0.5 * right.validation))
+    fitter = trials.problem.fitter
+
+    def flying(effects: Sequence[Effect] = ()) -> LinearFitter:
+        if tuple(effects) == wild.effects:
+            raise np.linalg.LinAlgError("the linearised simulator flies apart")
+        return fitter(effects)
+
+    monkeypatch.setattr(type(trials.problem), "fitter", lambda problem, effects=(): flying(effects))
+    assert unbeaten(trials, [right, wild])[0] is wild
+    assert simplest(trials) is right
+    assert twins(trials, wild) == ()
 
 
 def test_what_does_nothing_beyond_what_it_contains_leaves_that(trials: Trials) -> None:
