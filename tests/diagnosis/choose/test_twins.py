@@ -68,7 +68,7 @@ def test_all_candidates_are_held_against_the_answer_whatever_was_fitted(made: Ca
     fit = fitter.fit([InertiaScale("arm", 1.5)])
     chosen = Model(fit, 1.0, 1.0, 1.0, fit.cost, np.ones(len(fit.cost)), 1, (), np.ones(1), 1.96, np.zeros(fit.size))
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter, rig=fitter.predictor.linear.rig)
-    trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
+    trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True, stands=lambda model: True)
     found = twins(trials, chosen)
     assert {one.effects[-1].name for one in found} == {one.name for one in candidates} - {"inertia_scale"}
     near = {one.effects[-1].name for one in found if one.distance < 3.3}
@@ -127,7 +127,7 @@ def test_a_nuisance_stands_in_for_no_more_than_it_can_be(made: Callable[..., Mad
     monkeypatch.setattr(fitter.nuisances, "forgiven", lambda effects: alike)
     fitter.free = alike
     problem: Any = SimpleNamespace(settings=DEFAULT, fitter=lambda effects: fitter, rig=fitter.predictor.linear.rig)
-    trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True)
+    trials: Any = SimpleNamespace(problem=problem, candidates=candidates, known=dict, cut_short=lambda stage: True, stands=lambda model: True)
     distance = {one.effects[-1].name: one.distance for one in twins(trials, chosen)}
     assert distance["coulomb_friction"] > 10
     assert distance["inertia_scale"] < 3.3
