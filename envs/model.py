@@ -78,15 +78,15 @@ class Model(Description):
         self.ties: list[Tie] = []
         self.rotors: dict[str, float] = {}
         self.flywheels: dict[str, float] = {}
-        #: Stiffness, N/m, and damping, N s/m, of links that meet the ground softly by an effect.
-        self.soft: dict[str, tuple[float, float]] = {}
+        #: Links that an effect lets meet the ground softly.
+        self.softened: set[str] = set()
 
     def copy(self) -> Model:
         """A model of its own that can be changed without changing this one."""
         other = copy.copy(self)
         other._root, other.forces, other.rotors = copy.deepcopy(self._root), list(self.forces), dict(self.rotors)
         other.armature, other.springs, other.flywheels = dict(self.armature), dict(self.springs), dict(self.flywheels)
-        other.ties, other.soft = list(self.ties), dict(self.soft)
+        other.ties, other.softened = list(self.ties), set(self.softened)
         return other
 
     def set_inertial(self, link: str, mass: float, centre: Array, inertia: Array) -> None:
@@ -250,7 +250,7 @@ class Model(Description):
             UserError: if no link that can touch anything has that name.
         """
         self.set_contact(link, stiffness=stiffness, damping=damping)
-        self.soft |= dict.fromkeys(self.touching() if link == "*" else (link,), (stiffness, damping))
+        self.softened.update(self.touching() if link == "*" else (link,))
 
     def _contact(self, link: str) -> ET.Element:
         """What `link` says of contact, made at need."""

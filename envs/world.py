@@ -82,7 +82,7 @@ class World(Articulation):
             raise UserError("an effect moves the ground, and there is none here; take the effect out")
         if bouncing or model.bounces():
             let_bounce(self._body, self._client)
-        let_swing(self._body, model.soft, timestep, self._client)
+        let_swing(self._body, {link: soft for link in model.softened if (soft := model.compliance(link))}, timestep, self._client)
         self._gravity = model.gravity or (tuple(gravity) if isinstance(gravity, Sequence) else (0.0, 0.0, gravity))
         bullet.setGravity(*self._gravity, physicsClientId=self._client)
         self._forces = [(self._links[link], self._centre(self._links[link]), force) for link, force in model.forces]

@@ -75,13 +75,18 @@ def _turns(scale: Scale) -> list[dict[str, float]]:
     return [{"waves": wave, "phase": phase} for wave in waves for phase in (0.0, math.pi / 2, math.pi, -math.pi / 2)]
 
 
-def _turns_over(waves: float, scale: Scale) -> bool:
-    """Whether half a wave passes on the joint's usual way, from one end of a swing to the other; of less a bias, a spring and a force make the same."""
-    return waves * 2 * math.sqrt(2) * scale.angle > math.pi
+class _Wave:
+    """What goes round with the joint's position, `waves` times a radian."""
+
+    waves: float
+
+    def is_shown(self, scale: Scale) -> bool:
+        """Whether half a wave passes on the joint's usual way, from one end of a swing to the other; of less a bias, a spring and a force make the same."""
+        return self.waves * 2 * math.sqrt(2) * scale.angle > math.pi
 
 
 @dataclass(frozen=True)
-class PeriodicTorque(Effect):
+class PeriodicTorque(_Wave, Effect):
     """A torque that comes again and again along the joint's way, ``amplitude * sin(waves * q + phase)``: a motor's cogging, a cam, a gear's teeth."""
 
     amplitude: float
@@ -95,9 +100,6 @@ class PeriodicTorque(Effect):
     on = "joint"
     parameters = {"amplitude": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
     place = 95
-
-    def is_shown(self, scale: Scale) -> bool:
-        return _turns_over(self.waves, scale)
 
     @property
     def goes_by(self) -> str:
@@ -154,7 +156,7 @@ class CubicSpring(Effect):
 
 
 @dataclass(frozen=True)
-class PeriodicFriction(Effect):
+class PeriodicFriction(_Wave, Effect):
     """Dry friction that changes along the joint's way: ``mean + swing * sin(waves * q + phase)``, never less than none."""
 
     mean: float
@@ -169,9 +171,6 @@ class PeriodicFriction(Effect):
     on = "joint"
     parameters = {"mean": Parameter("N m", 0.0, 1e4), "swing": Parameter("N m", 0.0, 1e4), "waves": _WAVES, "phase": _PHASE}
     place = 90
-
-    def is_shown(self, scale: Scale) -> bool:
-        return _turns_over(self.waves, scale)
 
     @property
     def formula(self) -> str:
@@ -268,7 +267,7 @@ class OneWayFriction(Effect):
 
 
 @dataclass(frozen=True)
-class PeriodicGain(Effect):
+class PeriodicGain(_Wave, Effect):
     """A motor whose torque ripples along its way: ``torque * (1 + depth * sin(waves * q + phase))``, as one whose phases are not alike."""
 
     depth: float
@@ -282,9 +281,6 @@ class PeriodicGain(Effect):
     parameters = {"depth": Parameter("1", 0.0, 2.0), "waves": _WAVES, "phase": _PHASE}
     needs_motor = True
     place = 35
-
-    def is_shown(self, scale: Scale) -> bool:
-        return _turns_over(self.waves, scale)
 
     @property
     def formula(self) -> str:

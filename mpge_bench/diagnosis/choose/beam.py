@@ -211,7 +211,9 @@ def _without_idle(trials: Trials, pairs: Beam) -> Beam:
         elif model.effects[-1] not in useless:
             kept = [effect for effect in model.effects if effect not in useless]
             meant = [plain for effect in useless if (plain := effect.stands_for()) and not key([plain]) & key(kept)]
-            fewer += [kept, [*kept, *meant]] if meant else [kept]
+            fewer.append(kept)
+            if meant:
+                fewer.append([*kept, *meant])
     return [*found, *(pair for pair in trials.polished(fewer) if not any(idle(trials.problem, pair[1], pair[0].effects)))]
 
 

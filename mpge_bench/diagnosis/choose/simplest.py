@@ -58,10 +58,11 @@ def needed(trials: Trials, chosen: Model) -> Model:
             before = known.get(less.key)
             if before is None or less.overall < before.overall:
                 known[less.key] = trials.add(less)
-        kept = [less for less in map(known.get, map(key, fewer)) if less and not _beats(trials, less, chosen) and trials.stands(less)]
-        if not kept:
+        kept = [less for less in map(known.get, map(key, fewer)) if less and not _beats(trials, less, chosen)]
+        nearest = next((less for less in sorted(kept, key=lambda one: one.validation) if trials.stands(less)), None)
+        if nearest is None:
             break
-        chosen = min(kept, key=lambda one: one.validation)
+        chosen = nearest
     return _without_doubted(trials, chosen)
 
 
