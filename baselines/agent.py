@@ -139,6 +139,7 @@ class _Place:
         seed: of everything random.
         log_dir: where TensorBoard curves go.
         kept: where what each agent has learnt is kept; None if it is not.
+        worlds: what they learn in; what is compared is played in worlds as they are.
     """
 
     make: Callable[[], RobotEnv]
@@ -147,6 +148,7 @@ class _Place:
     seed: int
     log_dir: Path | None
     kept: Path | None = None
+    worlds: Callable[..., Worlds] = Worlds
 
     def learn(self, turn: int, candidate: int, share: int, start: Weights | None, origin: int, advance: Advance) -> Learnt:
         """What an agent of round number `turn` learns in its `share` of steps, or has learnt before, if that was kept."""
@@ -166,7 +168,7 @@ class _Place:
         best, value, promising, promise, evaluated = None, -np.inf, None, -np.inf, 0
         curve: list[tuple[int, int, float, int]] = []
         # A copy: a transformation that draws noise shall draw the same whichever process this is.
-        worlds = Worlds(self.make, settings.worlds, _mixed(self.seed, turn, candidate, 0), copy.deepcopy(self.transformation))
+        worlds = self.worlds(self.make, settings.worlds, _mixed(self.seed, turn, candidate, 0), copy.deepcopy(self.transformation))
         with closing(worlds):
             agent = PPO(worlds, settings, _mixed(self.seed, turn, candidate, 1), start=start, log_dir=log)
             for index in range(settings.checkpoints):
@@ -217,6 +219,7 @@ def learn(
     log_dir: Path | None = None,
     kept: Path | None = None,
     jobs: int = 1,
+    worlds: Callable[..., Worlds] = Worlds,
 ) -> Learnt:
     """Learn a policy in worlds that `make` makes, under `transformation`; the result does not depend on `jobs`.
 
@@ -230,11 +233,12 @@ def learn(
         log_dir: where TensorBoard curves go.
         kept: folder in which what each agent has learnt is kept, so that the same call goes on where one was stopped.
         jobs: processes that may be used.
+        worlds: what agents learn in, by `make`, count, seed and transformation; they are compared by what they return in plain ones.
     """
     progress = progress or Silent()
     if jobs > 1:
         compile_ahead()
-    place = _Place(make, transformation, settings, seed, log_dir, kept)
+    place = _Place(make, transformation, settings, seed, log_dir, kept, worlds)
     found: list[Learnt] = []
     begins = [(starts[number % len(starts)], number) for number in range(settings.candidates)]
     with Crew(min(jobs, max(settings.candidates, settings.finalists))) as crew:

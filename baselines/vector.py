@@ -143,8 +143,10 @@ class DiverseWorlds(Worlds):
     That is how an entropy-regularised set is made, one policy after the other (MPGE, section 4). Entropies are of the Gaussian in units of the action limit.
     """
 
-    def __init__(self, make: Callable[[], RobotEnv], count: int, seed: int, earlier: PolicySet, coefficient: float) -> None:
-        super().__init__(make, count, seed)
+    def __init__(
+        self, make: Callable[[], RobotEnv], count: int, seed: int, transformation: Transformation | None = None, *, earlier: PolicySet, coefficient: float
+    ) -> None:
+        super().__init__(make, count, seed, transformation)
         self.earlier, self.coefficient = earlier, coefficient
 
     def step_wait(self) -> tuple[Array, Array, Array, list[dict[str, Any]]]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from importlib.metadata import version
@@ -18,7 +19,6 @@ import torch
 from mpge_bench.baselines.agent import AgentSettings, Weights, learn
 from mpge_bench.baselines.evaluation import returns
 from mpge_bench.baselines.policy import PolicySet, arrays, load_state, save_policy, single_policy, tensors
-from mpge_bench.baselines.ppo import PPO
 from mpge_bench.baselines.presets import load_preset, settings_from
 from mpge_bench.baselines.progress import Progress, Silent
 from mpge_bench.baselines.vector import DiverseWorlds, Worlds
@@ -140,13 +140,20 @@ def _starts(task: Task, kind: str, folder: Path) -> list[str]:
 
 def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
     """The best of several candidates that learn from scratch; if it returns less than the robot's `least`, the seed five further on is tried."""
+    return _from_scratch(task, "source", settings, seed, progress, jobs, kept, Worlds)
+
+
+def _from_scratch(
+    task: Task, kind: str, settings: PolicySettings, seed: int, progress: Progress, jobs: int, kept: Path, worlds: Callable[..., Worlds]
+) -> _Made:
     dropped: dict[int, float] = {}
     while True:
-        found = learn(task.source, settings, seed, progress=progress, what=f"{task.robot.name} source policy, seed {seed}", kept=kept / str(seed), jobs=jobs)
+        what = f"{task.robot.name} {kind} policy, seed {seed}"
+        found = learn(task.source, settings, seed, progress=progress, what=what, kept=kept / str(seed), jobs=jobs, worlds=worlds)
         if found.value >= settings.least or len(dropped) == settings.tries - 1:
             return _Made(found.weights, found.curve, found.steps, seed, dropped)
         dropped[seed] = found.value
-        seed += len(SEEDS["source"])
+        seed += len(SEEDS[kind])
 
 
 def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
@@ -169,16 +176,11 @@ def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
 
 
 def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
-    """One that learns where it also pays to be where those before it are undecided: one candidate, whose last weights are those; nothing is kept before."""
-    progress.stage(f"{task.robot.name} er policy, seed {seed}", settings.steps)
-    size = (task.robot.observation_size, len(task.robot.actuators))
+    """As a source policy, but where it learns it also pays to be where those before it are undecided; candidates are compared without that."""
+    size, limit = (task.robot.observation_size, len(task.robot.actuators)), task.robot.action_limit
     earlier = [arrays(load_state(policy_path(task, "er", one, folder), *size)) for one in range(seed)]
-    limit = task.robot.action_limit
-    made = DiverseWorlds(task.source, settings.worlds, seed, PolicySet(earlier, limit), DIVERSITY) if earlier else Worlds(task.source, settings.worlds, seed)
-    with closing(made) as worlds:
-        agent = PPO(worlds, settings, seed)
-        agent.learn(settings.steps, settings.steps, progress.advance)
-    return _Made(agent.state(), [], agent.steps, seed, {})
+    worlds = functools.partial(DiverseWorlds, earlier=PolicySet(earlier, limit), coefficient=DIVERSITY) if earlier else Worlds
+    return _from_scratch(task, "er", settings, seed, progress, jobs, kept, worlds)
 
 
 _MAKERS = {"source": _source, "target": _target, "er": _diverse}

@@ -110,7 +110,7 @@ def test_noise_has_the_asked_for_spread_in_units_of_the_limit(std):
 
 
 def test_diverse_worlds_pay_the_mean_entropy_of_the_earlier_policies(pendulum_policies):
-    diverse, plain = DiverseWorlds(TASK.source, 3, 0, pendulum_policies, 0.1), Worlds(TASK.source, 3, 0)
+    diverse, plain = DiverseWorlds(TASK.source, 3, 0, earlier=pendulum_policies, coefficient=0.1), Worlds(TASK.source, 3, 0)
     states = diverse.reset()
     np.testing.assert_array_equal(states, plain.reset())
     paid = []
