@@ -150,7 +150,8 @@ def _from_scratch(
     while True:
         what = f"{task.robot.name} {kind} policy, seed {seed}"
         found = learn(task.source, settings, seed, progress=progress, what=what, kept=kept / str(seed), jobs=jobs, worlds=worlds)
-        if found.value >= settings.least or len(dropped) == settings.tries - 1:
+        # What is not compared with anything has no return to be dropped by.
+        if not settings.compares or found.value >= settings.least or len(dropped) == settings.tries - 1:
             return _Made(found.weights, found.curve, found.steps, seed, dropped)
         dropped[seed] = found.value
         seed += len(SEEDS[kind])
