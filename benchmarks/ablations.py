@@ -2,6 +2,7 @@
 
     python benchmarks/ablations.py grounding             # K rollout policies, N groundings, an entropy-regularised set, on broken_hopper
     python benchmarks/ablations.py aggregation           # MULTIPOLAR, its ablations and RPL on ten hoppers drawn at random
+    python benchmarks/ablations.py plots
 
 Each study writes its figures to leaderboard/studies/ and its table into the page. Studies take hours of a core, keep every run in `--kept` and go on
 where they were stopped; settings are those of the presets, and nothing is chosen by what comes out.
@@ -18,6 +19,7 @@ from typing import Annotated, Any
 
 import mpge_bench  # noqa: F401  # isort: skip  (settles the code path before numpy is imported)
 import numpy as np
+import pandas as pd
 import torch
 import typer
 from rich.progress import track
@@ -38,7 +40,7 @@ from mpge_bench.harness.run import run
 from mpge_bench.harness.settings import RunSettings
 
 ROOT = Path(__file__).parents[1]
-PAGE, STUDIES = ROOT / "docs" / "ablations.md", ROOT / "leaderboard" / "studies"
+PAGE, STUDIES, PLOTS = ROOT / "docs" / "ablations.md", ROOT / "leaderboard" / "studies", ROOT / "docs" / "plots"
 #: Of the grounding methods: name, method and what is set otherwise than the preset has it. The first two columns are K and N.
 GROUNDINGS: Mapping[tuple[int, int, str], tuple[str, tuple[str, ...]]] = {
     (1, 1, "SPG (`garat`)"): ("garat", ()),
@@ -81,7 +83,8 @@ def grounding(task: str = "broken_hopper", samples: int = 1000, seeds: int = 5, 
             there = settings.folder(ROOT / "leaderboard" / "results") / "result.json"
             done = read_result(there) if there.exists() else run(settings, kept)
             error, returned = done["action_transformation_error"]["value"], done["returns"]["policy"]["mean"]
-            found = {"action error": error, "return": returned, "normalised": done["normalized_return"]}
+            curve = pd.read_parquet((there if there.exists() else settings.folder(kept) / "result.json").with_name("curve.parquet"))
+            found = {"action error": error, "return": returned, "normalised": done["normalized_return"], "curve": curve.to_dict("list")}
             rows.append({"K": count, "N": members, "method": name, "seed": seed} | found)
         _write("grounding_ablations", rows, ["K", "N", "method", "action error", "normalised return", "of each seed"], _by_grounding(rows))
 
@@ -163,6 +166,31 @@ def _interval(values: Any, where: Sequence[int]) -> str:
     means = [np.mean([value for value, one in zip(values, where, strict=True) if one == instance]) for instance in sorted(set(where))]
     found = bootstrap((means,), np.mean, rng=np.random.default_rng(0), method="percentile").confidence_interval
     return f"{np.mean(means):.0f} ({found.low:.0f} to {found.high:.0f})"
+
+
+@app.command()
+def plots() -> None:
+    """Draw what the studies have found: docs/plots/ablations-*.png."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt
+
+    grounded, aggregated = (json.loads((STUDIES / f"{name}.json").read_text()) for name in ("grounding_ablations", "aggregation"))
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for (count, members, name), group in itertools.groupby(grounded, key=lambda row: (row["K"], row["N"], row["method"])):
+        curves = pd.concat([pd.DataFrame(row["curve"]).set_index("steps")["action_transformation_error"] for row in group], axis=1).mean(axis=1)
+        axes.plot(curves.index / 1000, curves, "o-", markersize=3, label=f"{name}, K {count}, N {members}")
+    axes.set(xlabel="thousand control steps of each grounding", ylabel="action error, mean over seeds", ylim=(0, None))
+    axes.legend(frameon=False, fontsize="small")
+    figure.savefig(PLOTS / "ablations-grounding.png", dpi=110)
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    for name in AGGREGATIONS:
+        found = [row["learning"] for row in aggregated if row["variant"] == name]
+        axes.plot([int(share) for share in SHARES], [np.mean([one[share] for one in found]) for share in SHARES], "o-", markersize=3, label=name)
+    axes.set(xlabel="share of the samples, %", ylabel="mean return of the episodes till then", ylim=(0, None))
+    axes.legend(frameon=False, fontsize="small")
+    figure.savefig(PLOTS / "ablations-aggregation.png", dpi=110)
 
 
 if __name__ == "__main__":
