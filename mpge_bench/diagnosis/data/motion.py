@@ -72,7 +72,8 @@ class Motion:
 
     def fine_time(self) -> Array:
         """Of the physics steps, since each recording began, s, shape (r, k, m)."""
-        return np.asarray((self.time - self.time[:, :1])[..., None] + self.step * np.arange(self.u.shape[2]))
+        begun = np.array([one.elapsed[0] for one in self.recordings])[:, None]
+        return np.asarray((self.time - self.time[:, :1] + begun)[..., None] + self.step * np.arange(self.u.shape[2]))
 
     def intervals(self) -> Array:
         """Time to the next row, s, shape (r, k); 0 at the last."""

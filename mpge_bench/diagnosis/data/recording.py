@@ -45,6 +45,7 @@ class Recording:
         dq: recorded velocities, shape (rows, nv); NaN in the columns of what was recorded without.
         shaken: acceleration of the fixed base along its own axes, without gravity, m/s², shape (rows, 3); None where it was not recorded.
         beside: other columns that hold numbers throughout, such as a temperature, by name, each of shape (rows,): parameters may change with them.
+        began: when it began, s: of a part, when the whole did; None for its first row.
     """
 
     path: Path
@@ -54,16 +55,23 @@ class Recording:
     dq: Array
     beside: Mapping[str, Array] = field(default_factory=dict)
     shaken: Array | None = None
+    began: float | None = None
 
     @property
     def duration(self) -> float:
         return float(self.time[-1] - self.time[0])
 
+    @property
+    def elapsed(self) -> Array:
+        """Since the recording began, s, shape (rows,): what goes by time goes by this."""
+        return np.asarray(self.time - (self.time[0] if self.began is None else self.began))
+
     def rows(self, chosen: slice) -> Recording:
         """Part of the recording."""
         beside = {name: values[chosen] for name, values in self.beside.items()}
         shaken = None if self.shaken is None else self.shaken[chosen]
-        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen], beside, shaken)
+        began = float(self.time[0] - self.elapsed[0])
+        return Recording(self.path, self.time[chosen], self.u[chosen], self.q[chosen], self.dq[chosen], beside, shaken, began)
 
     @cached_property
     def shakes(self) -> Array:

@@ -74,7 +74,7 @@ class BulletPredictor:
         fine = many if many and self._looks_back else 1
         world = self._world((many or 1) // fine)
         world.set_state(layout.q(state), layout.dq(state))
-        world.begin_at(time[first] - time[0])
+        world.begin_at(recording.elapsed[first])
         if self._warm_for:
             self._warm_up(world, recording, first, smooth)
         if many:
@@ -129,7 +129,7 @@ class BulletPredictor:
         at = start - dt * np.arange(count, 0, -1)
         row = np.clip(np.searchsorted(recording.time, at + 0.5 * dt, side="right") - 1, 0, None)
         motion = motion_at(recording.time, smooth, at)
-        world.begin_at(at[0] - recording.time[0])
+        world.begin_at(at[0] - start + recording.elapsed[first])
         world.recall(recording.u[row], layout.q(motion), layout.dq(motion))
 
 

@@ -65,8 +65,7 @@ class SimulatedWindows:
     ) -> None:
         self._rig = replace(rig, timestep=rig.timestep / parts)
         self._recordings, self._recording, self._rows, self._settings = recordings, recording, rows, settings
-        times = [recordings[r].time for r in recording]
-        self._since = np.array([time[own[0]] - time[0] for time, own in zip(times, rows, strict=True)])
+        self._since = np.array([recordings[r].elapsed[own[0]] for r, own in zip(recording, rows, strict=True)])
         steps: dict[int, list[tuple[int, Array, Array, Array]]] = {}
         for window, (r, own) in enumerate(zip(recording, rows, strict=True)):
             every, path, place = self._stepped(recordings[r], own)

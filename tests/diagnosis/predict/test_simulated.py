@@ -26,10 +26,12 @@ from mpge_bench.envs.effects import (
     BaseAcceleration,
     CoulombFriction,
     Delay,
+    DriftingGain,
     Effect,
     Gravity,
     JointDamping,
     JointSpring,
+    OscillatingTorque,
     PositionServo,
     SensorBias,
     SensorDelay,
@@ -162,3 +164,18 @@ def test_rows_are_stepped_as_pybullet_steps_them(case: Case, bodies: Sequence[Ef
     tree = flat_tree(rig.changed(bodies), rig.joints, rig.rotors(bodies), rig.gravity)
     found = steered(tree, 0.0005, bodies).roll(case.starts, torques[:, None], every=10, unstable=np.inf)[:, 1]
     assert found == pytest.approx(rows_in_bullet(rig, bodies, case.starts, torques, 0.0005, 10), abs=1e-11)
+
+
+@pytest.mark.parametrize("effect", [DriftingGain("elbow", -0.5), OscillatingTorque("elbow", 0.4, 2.3, 0.7)])
+def test_in_a_part_of_a_recording_time_goes_on_from_its_beginning(rig: Rig, effect: Effect) -> None:
+    """What goes by time was predicted as if the held-out end of a single recording were its beginning."""
+    whole = record(rig, [effect], seconds=1.5)
+    part, rows = whole.rows(slice(100, None)), np.arange(30)
+    references = [np.concatenate((one.q, one.dq), 1) for one in (whole, part)]
+    simulated = SimulatedWindows(rig, [part], np.array([0]), rows[None]).predict([effect], references[1][:1], references[1:])
+    assert simulated is not None
+    np.testing.assert_allclose(simulated[0], references[0][100:130], atol=1e-9)
+    np.testing.assert_allclose(BulletPredictor(rig, [effect]).run(part, 0, rows, references[1][0], references[1]), references[0][100:130], atol=1e-9)
+    motion = motion_of([part], rig)
+    assert motion.fine_time()[0, 0, 0] == pytest.approx(1.0)
+    assert motion_of([part.rows(slice(20, None))], rig).fine_time()[0, 0, 0] == pytest.approx(1.2)
