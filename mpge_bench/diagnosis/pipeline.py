@@ -23,6 +23,7 @@ from mpge_bench.diagnosis.data.checks import measurements, read_recordings
 from mpge_bench.diagnosis.data.parts import parted
 from mpge_bench.diagnosis.data.recording import Recording, find_recordings, write_table
 from mpge_bench.diagnosis.data.rig import Rig, read_rig
+from mpge_bench.diagnosis.data.stops import between_stops
 from mpge_bench.diagnosis.experiment.design import Bounds, designed
 from mpge_bench.diagnosis.experiment.motions import Stated, commanded
 from mpge_bench.diagnosis.fit.problem import problem
@@ -101,7 +102,7 @@ def diagnose(
         stated: limits of the next experiment; those that are not go by what the recordings reached.
 
     Raises:
-        UserError: if the nominal simulation is unstable.
+        UserError: if the nominal simulation is unstable, or joints are at end stops nearly all the time.
     """
     clock = Clock.started(seconds, settings.choose)
     if not rig.is_tree:
@@ -110,7 +111,7 @@ def diagnose(
         with Workers(jobs) as workers:
             result, effects = diagnose_free(rig, recordings, clock, workers, progress.advance if progress else lambda steps: None, settings)
         return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())))
-    parts = parted(measurements(rig, recordings, settings))
+    parts = between_stops(parted(measurements(rig, recordings, settings)), horizon)
     measured = parts.searched
     simulate(rig, measured.recordings[0], horizon, settings=settings)  # an unstable one is refused before anything is searched
     if progress:

@@ -38,6 +38,8 @@ class DataSettings:
     smoothing: float = setting(0.035, "s", "half the width of the local cubics: shorter than the motion's features, longer than the noise's")
     unseen: float = setting(0.25, "share", "of the recordings, or of the time of each, that neither fits nor choices look at")
     few: int = setting(3, "recordings", "below which there is none to spare for each of fitting, choosing and judging: they are cut in time")
+    near_stop: float = setting(0.01, "share of a joint's range", "from an end stop on which rows are at it: what nearly touches it may do so in the simulator")
+    bounce: float = setting(0.05, "s", "before and after an end stop that are left out, too: filters and impacts reach so far")
     quaternion: float = setting(0.01, "1", "quaternions written with two digits are off by less; others are no orientations")
     jump: float = setting(8.0, "times", "the speed of the rows around: impacts stop a body or turn it round, but nothing hurls it for a single row")
     jump_place: float = setting(1.0, "m/s", "and beyond that by as much, lest a body at rest be said to jump")

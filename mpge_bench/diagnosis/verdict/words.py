@@ -175,7 +175,8 @@ def checks(problem: Problem) -> tuple[str, ...]:
     period = np.concatenate([np.diff(one.time) for one in recordings])
     rate = 1 / float(np.median(period))
     gap = f"; the largest gap is {1000 * period.max():.0f} ms" if period.max() > problem.settings.verdict.gap / rate else " without gaps"
-    found = [f"{len(recordings)} recordings, {sum(one.duration for one in recordings):.0f} s in all, at {rate:.0f} Hz{gap}.", *problem.measurements.left_out]
+    what = "stretches of recordings" if any(one.elapsed[0] > 0 for one in recordings) else "recordings"
+    found = [f"{len(recordings)} {what}, {sum(one.duration for one in recordings):.0f} s in all, at {rate:.0f} Hz{gap}.", *problem.measurements.left_out]
     found += rig.certain_line()
     steps, noise = resolution(motion), motion.layout.dx(problem.sigma)
     for column, joint in enumerate(rig.joints):
