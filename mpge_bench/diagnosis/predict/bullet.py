@@ -13,6 +13,7 @@ from mpge_bench.diagnosis.data.checks import trusted
 from mpge_bench.diagnosis.data.motion import differentiate, motion_at
 from mpge_bench.diagnosis.data.recording import Recording
 from mpge_bench.diagnosis.data.rig import Rig
+from mpge_bench.diagnosis.predict.stability import advice
 from mpge_bench.diagnosis.predict.torques import warm_up
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings, PredictSettings
 from mpge_bench.envs.effects import Effect
@@ -85,7 +86,7 @@ class BulletPredictor:
         q, dq = world.roll(recording.u[row], self._shaking * recording.shakes[row] if self._shaking else None)
         path = np.concatenate((state[None], layout.state(q, dq)))
         if not np.isfinite(path).all() or np.abs(layout.dq(path)).max() > self._settings.unstable:
-            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; choose a smaller timestep in {self.rig.path}")
+            raise UserError(f"{recording.path}: the simulation becomes unstable after row {first + 1}; {advice(self.rig, layout.q(state))}")
         path = self._sensed(path, recording, first, smooth, (many or 1) // fine * dt)
         if many:
             return path[(rows - first) * fine]

@@ -14,6 +14,7 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.predict.bullet import BulletPredictor, stretches
 from mpge_bench.diagnosis.predict.fast.rollout import NotCovered, Warm, mechanism
 from mpge_bench.diagnosis.predict.memory import Memory
+from mpge_bench.diagnosis.predict.stability import advice
 from mpge_bench.diagnosis.predict.torques import warm_up
 from mpge_bench.diagnosis.settings import DEFAULT, DiagnosisSettings
 from mpge_bench.envs.effects import Effect
@@ -233,7 +234,7 @@ class RestartedRecording:
         starts, smooth = predictor.start(recording, (q, dq)), predictor.start(replace(recording, q=q, dq=dq), (q, dq))
         found = self._windows.predict(effects, starts[self._rows[:, 0]], [smooth])
         if found is None:
-            raise UserError(f"{recording.path}: the simulation becomes unstable; choose a smaller timestep in {self._rig.path}")
+            raise UserError(f"{recording.path}: the simulation becomes unstable; {advice(self._rig, recording.q[0])}")
         missed[self._rows] = self._rig.layout.q(found) - recording.q[self._rows]
         return missed
 
