@@ -19,7 +19,7 @@ from mpge_bench.envs.engine import bullet, link_names, load_urdf
 from mpge_bench.envs.errors import UserError
 from mpge_bench.envs.ground import Ground
 from mpge_bench.envs.rotors import ROTOR_RATIO
-from mpge_bench.envs.urdf import add_massless, rotation, said, vector, write_inertial
+from mpge_bench.envs.urdf import add_massless, rotation, said, stops, vector, write_inertial
 
 Array = npt.NDArray[np.float64]
 
@@ -218,6 +218,13 @@ class Model(Description):
         element.set("type", "continuous")
         for limit in element.findall("limit"):
             element.remove(limit)
+
+    def forget_stops(self) -> None:
+        """Let all joints go as far as they like, efforts kept."""
+        for joint in self._root.findall("joint"):
+            limit = joint.find("limit")
+            if limit is not None and stops(joint):
+                limit.attrib.update(lower="0", upper="-1")
 
     def set_friction(self, link: str, coefficient: float) -> None:
         """Give `link` (``"*"``: every link that can touch something) another coefficient of friction in contact.

@@ -117,12 +117,12 @@ def diagnose(
     if progress:
         progress.stage("fitting models", 0)
     with Workers(jobs) as workers:
-        linear = reference(rig, measured.recordings, settings)
-        options = candidates(rig, scales(linear))
+        linear = reference(measured.rig, measured.recordings, settings)
+        options = candidates(measured.rig, scales(linear))
         posed = problem(measured, linear, horizon, clock.deadline)
         choice = choose(posed, options, workers, clock, progress.advance if progress else lambda steps: None)
         result, effects = conclude(choice, parts, clock)
-        design = designed(choice, result.verdict, effects, Bounds(stated, clock.end), workers)
+        design = designed(choice.of(rig), result.verdict, effects, Bounds(stated, clock.end), workers)
     if design is not None:
         result = replace(result, summary=(*result.summary, *design.said.lines), next_experiment=design.said)
     return Diagnosis(result, effects, rig.corrected(effects, str(rig.model.path.resolve())), None if design is None else design.commands)

@@ -22,6 +22,7 @@ from mpge_bench.diagnosis.choose.together import completed
 from mpge_bench.diagnosis.choose.trials import Trials
 from mpge_bench.diagnosis.choose.twins import as_fitted, of_two, twins
 from mpge_bench.diagnosis.choose.workers import Workers
+from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.fit.linear import LinearFitter
 from mpge_bench.diagnosis.fit.problem import Model, Problem
 from mpge_bench.diagnosis.fit.screen import Screening, screen
@@ -123,6 +124,10 @@ class Choice:
     cut: tuple[str, ...]
     is_far: bool
     twins_of_two: tuple[Twin, ...] = ()
+
+    def of(self, rig: Rig) -> Choice:
+        """The same of another rig, such as one with the end stops that the search went without."""
+        return replace(self, problem=replace(self.problem, measurements=replace(self.problem.measurements, rig=rig)))
 
 
 def choose(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +166,14 @@ class Rig:
         for effect in self.chain(effects):
             effect.install(model)
         return model
+
+    def without_stops(self) -> Rig:
+        """The same without end stops: itself where there are none."""
+        if not any(joint.stops for joint in self.model.tree()):
+            return self
+        model = self.model.copy()
+        model.forget_stops()
+        return replace(self, model=model)
 
     def rotors(self, effects: Sequence[Effect] = ()) -> list[float]:
         """Inertia, kg m², that the rig's own and further `effects` add to each joint's own."""

@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 def between_stops(parts: Parts, horizon: float) -> Parts:
     """The recordings in stretches between end stops, each long enough for two windows of `horizon` s; those without any stop as they are.
 
+    What is searched then has none: models that reach one where the machine did not are wrong either way, and PyBullet alone could tell what they make of it.
+
     Raises:
         UserError: if nothing is left of what is searched on, or of what is held out.
     """
@@ -32,7 +34,8 @@ def between_stops(parts: Parts, horizon: float) -> Parts:
             names = ", ".join(dict.fromkeys(str(one.path) for one in given))
             raise UserError(f"{names}: nothing of {2 * horizon:g} s is between end stops: {' '.join(said)}")
     searched, unseen = found
-    return replace(parts, searched=replace(parts.searched, recordings=searched, left_out=(*parts.searched.left_out, *said)), unseen=unseen)
+    without = replace(parts.searched, rig=rig.without_stops(), recordings=searched, left_out=(*parts.searched.left_out, *said))
+    return replace(parts, searched=without, unseen=unseen)
 
 
 def _stretches(recordings: Iterable[Recording], rig: Rig, horizon: float, settings: DataSettings) -> tuple[Recording, ...]:

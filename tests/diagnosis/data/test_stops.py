@@ -43,8 +43,27 @@ def cut(rig: Rig, *recordings: Recording) -> Parts:
 
 def test_what_touches_no_stop_stays_as_it_is(rig: Rig) -> None:
     given = [moved(rig, name=f"{one}.csv") for one in range(3)]
-    parts = parted(measurements(rig, given))
-    assert between_stops(parts, 0.5) == parts
+    parts = between_stops(parted(measurements(rig, given)), 0.5)
+    assert parts.searched.recordings == tuple(given[:2])
+    assert parts.unseen == tuple(given[2:])
+    assert parts.searched.left_out == ()
+
+
+def test_what_is_searched_has_no_stops_and_efforts_as_before(rig: Rig) -> None:
+    free = cut(rig, *(moved(rig, name=f"{one}.csv") for one in range(3))).searched.rig
+    assert (free.model.effort("elbow"), rig.model.effort("elbow")) == (5.0, 5.0)
+    # From 1.9 rad, at 20 rad/s, past 2.
+    reached = []
+    for one in (rig, free):
+        world = one.world()
+        world.set_state(np.array([0.0, 1.9]), np.array([0.0, 20.0]))
+        seen = []
+        for _ in range(100):
+            world.step([0.0, 0.0])
+            seen.append(world.read()[0][1])
+        reached.append(max(seen))
+    assert reached[0] < 2.05 < 2.2 < reached[1]
+    assert free.without_stops() is free
 
 
 @pytest.mark.parametrize("at", [-1.0, -0.98, 2.0, 2.6])
