@@ -50,8 +50,8 @@ def diagnose(
         float | None,
         typer.Option(
             min=1.0,
-            help="Time budget: about when it is up the best answer so far is given; 120 with recordings of mechanisms, 300 with those of free bodies"
-            " and contacts and with --task. Many joints want more.",
+            help="Time budget: about when it is up the best answer so far is given; 120 with recordings of mechanisms (of more than two joints 50 a joint),"
+            " 300 with those of free bodies and contacts and with --task.",
         ),
     ] = None,
     position: Annotated[float | None, typer.Option(min=1e-6, help="Limits of a next experiment: furthest from 0 that it may take any joint, rad or m.")] = None,
@@ -99,7 +99,8 @@ def diagnose(
     assert rig is not None
     assert recording is not None
     if seconds is None:
-        seconds = 120.0 if read_rig(rig).is_tree else 300.0
+        believed = read_rig(rig)
+        seconds = max(120.0, 50.0 * len(believed.joints)) if believed.is_tree else 300.0
     with ConsoleProgress() as progress:
         stated = Stated(position, speed, command)
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)

@@ -20,8 +20,8 @@ STAGE = "fitting all joints at once"
 
 
 def has_many_joints(trials: Trials) -> bool:
-    """Whether one kind of physics on all joints is more than a search by single effects leads to: on fewer joints that names what each of them has."""
-    return not trials.settings.are_few(trials.problem.rig.joints)
+    """Whether friction and rotors on all joints are more than a search by single effects leads to: on fewer joints that names what each of them has."""
+    return not trials.settings.are_few(2 * trials.problem.rig.joints)
 
 
 def kinds_of(trials: Trials) -> dict[str, list[Effect]]:
