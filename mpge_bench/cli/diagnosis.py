@@ -19,6 +19,8 @@ from mpge_bench.envs.errors import UserError
 from mpge_bench.plain import as_json as plain_json
 
 app = typer.Typer()
+#: Time budgets, s: what a search on an arm of two joints takes, and each joint more; what one by finite differences of the simulator takes.
+_SECONDS, _SECONDS_A_JOINT, _SECONDS_FREE = 120.0, 50.0, 300.0
 
 
 @app.command()
@@ -84,7 +86,7 @@ def diagnose(
         refuse(context, "horizon", "position", "speed", "command", because="where --task has transitions and no recordings")
         if transitions is not None:
             refuse(context, "samples", because="where --transitions has them")
-        _diagnose_pair(task, samples, noise, seed, transitions, out, 300.0 if seconds is None else seconds, jobs, policies)
+        _diagnose_pair(task, samples, noise, seed, transitions, out, _SECONDS_FREE if seconds is None else seconds, jobs, policies)
         return
     refuse(context, "samples", "noise", "seed", "transitions", "policies", because="where recordings are given and no --task")
     from mpge_bench.console import ConsoleProgress
@@ -100,7 +102,7 @@ def diagnose(
     assert recording is not None
     if seconds is None:
         believed = read_rig(rig)
-        seconds = max(120.0, 50.0 * len(believed.joints)) if believed.is_tree else 300.0
+        seconds = max(_SECONDS, _SECONDS_A_JOINT * len(believed.joints)) if believed.is_tree else _SECONDS_FREE
     with ConsoleProgress() as progress:
         stated = Stated(position, speed, command)
         found = diagnose_files(rig, recording, out, horizon=horizon, seconds=seconds, jobs=jobs, progress=progress, stated=stated)
