@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mpge_bench.diagnosis.choose.begun import as_begun
-from mpge_bench.diagnosis.choose.everywhere import everywhere
+from mpge_bench.diagnosis.choose.everywhere import everywhere, needed_by_most
 from mpge_bench.diagnosis.choose.formulas import lone_formula
 from mpge_bench.diagnosis.choose.held import held
 from mpge_bench.diagnosis.choose.pairs import pairs
@@ -78,6 +78,11 @@ def _beside_held(trials: Trials, drafts: list[Model], beside: Beam) -> Beam:
 
 def _by_other_ways(trials: Trials, drafts: list[Model]) -> tuple[list[Model], Beam]:
     """`drafts` of one effect, of which none comes near the noise, and others; and models of several that go into the first round with them."""
+    of_most = needed_by_most(trials)
+    if of_most:
+        # No single effect, and no pair, says anything beside what most joints have.
+        together = everywhere(trials, of_most)
+        return drafts, [together] if together else []
     begun = as_begun(trials)
     hopeless = trials.settings.hopeless[0] * min(one.overall for one in (*drafts, *begun))
     # To the end: a load's place has valleys, and where it begins is not where a draft of it ended.

@@ -22,23 +22,32 @@ from mpge_bench.diagnosis.fit.told import unit_length
 from mpge_bench.envs.effects import Effect
 
 
-def everywhere(trials: Trials) -> tuple[Model, LinearFitter] | None:
+def needed_by_most(trials: Trials) -> Effects:
+    """What every machine has and this one needs on most of its many joints, fitted from recorded states; none near the noise, or of few joints."""
+    if not has_many_joints(trials) or trials.cut_short(STAGE) or not trials.are_far([trials.nominal]):
+        return ()
+    kinds = kinds_of(trials)
+    # Of what friction holds fast no rotor shows: what explains most of the torques goes first.
+    return together(trials, {name: kinds[name] for name in _ranked((trials.nominal, trials.fitter), kinds)})
+
+
+def everywhere(trials: Trials, begun: Effects = ()) -> tuple[Model, LinearFitter] | None:
     """The model of all that every machine has and that this one needs, fitted; None where there is not enough of it to be looked at together.
 
     One kind after another, on all that it acts on, what explains most of what is left first, where that is much and what models are chosen by is predicted no
     worse as well: a fit of fifty parameters from nothing ends where some joint that hardly moved sticks, and never moves again.
+
+    Args:
+        begun: what `needed_by_most` found, from where it goes on.
     """
     kinds = kinds_of(trials)
-    if sum(map(len, kinds.values())) < 2 or trials.cut_short(STAGE):
-        return None
     pair = trials.nominal, trials.fitter
-    if has_many_joints(trials) and trials.are_far([trials.nominal]):
-        # Of what friction holds fast no rotor shows: what explains most of the torques goes first.
-        begun = together(trials, {name: kinds[name] for name in _ranked(pair, kinds)})
-        if begun:
-            pair, settled = _begun(trials, begun)
-            if settled:
-                return pair
+    if begun:
+        pair, settled = _begun(trials, begun)
+        if settled:
+            return pair
+    elif sum(map(len, kinds.values())) < 2 or trials.cut_short(STAGE):
+        return None
     while not trials.cut_short(STAGE):
         richer = _richer(trials, pair, kinds)
         if richer is None:

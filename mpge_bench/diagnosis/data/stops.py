@@ -59,7 +59,8 @@ def at_stops(recording: Recording, rig: Rig, settings: DataSettings) -> npt.NDAr
     lowest, highest = _stops(rig).T
     near = settings.near_stop * (highest - lowest)
     with np.errstate(invalid="ignore"):
-        return np.asarray((recording.q < lowest + near) | (recording.q > highest - near)) & np.isfinite(near)
+        found = (recording.q < lowest + near) | (recording.q > highest - near)
+    return np.asarray(found & np.isfinite(near))
 
 
 def _stops(rig: Rig) -> Array:

@@ -57,6 +57,15 @@ def test_a_drive_that_means_nothing_leaves_the_lag_that_it_stood_for(rig: Rig) -
     assert found.key == {"lag:shoulder", "payload:lower"}
 
 
+def test_what_most_of_many_joints_have_goes_before_a_look_at_single_effects(trials: Trials, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an arm of six joints with friction everywhere all that looks at single effects and at pairs took two thirds of the time, and led nowhere."""
+    found, draft = described(trials.problem, (HIDDEN,)), trials.nominal
+    monkeypatch.setattr(beam, "needed_by_most", lambda _: (HIDDEN,))
+    monkeypatch.setattr(beam, "everywhere", lambda _, begun: found if begun == (HIDDEN,) else None)
+    monkeypatch.setattr(beam, "as_begun", lambda _: pytest.fail("single effects were looked at"))
+    assert beam._by_other_ways(trials, [draft]) == ([draft], [found])
+
+
 def test_a_model_that_was_found_beside_drafts_keeps_what_windows_hardly_show(trials: Trials) -> None:
     """That of all joints of a quadruped was thrown away for the last of its fifty effects."""
     (draft,) = trials.refined(trials.fitter, [trials.fitter.at([InertiaScale("lower", 1.2)])])
