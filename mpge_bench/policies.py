@@ -83,7 +83,7 @@ def train_policy(task: Task, kind: str, seed: int, folder: Path = FOLDER, progre
     torch.set_num_threads(1)
     path = policy_path(task, kind, seed, folder)
     motion = physics(task, kind)
-    with _kept(path, {"settings": asdict(settings), "starts": _starts(task, kind, folder), **motion}) as kept:
+    with _kept(path, {"settings": asdict(settings), "starts": _digests(task, kind, seed, folder), **motion}) as kept:
         made = _MAKERS[kind](task, settings, seed, folder, progress, jobs, kept)
         single = single_policy(made.weights, task.robot.action_limit)
         places = {"source": task.source} | ({"target": task.target} if at_target else {})
@@ -132,10 +132,16 @@ def _versions() -> dict[str, str]:
     return {name: version(name) for name in ("pybullet", "stable-baselines3", "torch", "numpy")}
 
 
-def _starts(task: Task, kind: str, folder: Path) -> list[str]:
-    """Digests of the policies that a training starts from, as target-optimal ones do from source policies."""
-    sources = load_set(task, "source", folder).weights if kind == "target" else ()
-    return [sha256(b"".join(values.tobytes() for values in weights.values())).hexdigest() for weights in sources]
+def _digests(task: Task, kind: str, seed: int, folder: Path) -> list[str]:
+    """Of the policies that a training goes by: target-optimal ones start from source policies, those of an entropy-regularised set go by the earlier ones."""
+    known = load_set(task, "source", folder).weights if kind == "target" else _earlier(task, seed, folder) if kind == "er" else ()
+    return [sha256(b"".join(values.tobytes() for values in weights.values())).hexdigest() for weights in known]
+
+
+def _earlier(task: Task, seed: int, folder: Path) -> list[Weights]:
+    """The policies of an entropy-regularised set before number `seed`."""
+    size = task.robot.observation_size, len(task.robot.actuators)
+    return [arrays(load_state(policy_path(task, "er", one, folder), *size)) for one in range(seed)]
 
 
 def _source(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
@@ -178,9 +184,8 @@ def _target(task: Task, settings: PolicySettings, seed: int, folder: Path, progr
 
 def _diverse(task: Task, settings: PolicySettings, seed: int, folder: Path, progress: Progress, jobs: int, kept: Path) -> _Made:
     """As a source policy, but where it learns it also pays to be where those before it are undecided; candidates are compared without that."""
-    size, limit = (task.robot.observation_size, len(task.robot.actuators)), task.robot.action_limit
-    earlier = [arrays(load_state(policy_path(task, "er", one, folder), *size)) for one in range(seed)]
-    worlds = functools.partial(DiverseWorlds, earlier=PolicySet(earlier, limit), coefficient=DIVERSITY) if earlier else Worlds
+    earlier = PolicySet(_earlier(task, seed, folder), task.robot.action_limit) if seed else None
+    worlds = functools.partial(DiverseWorlds, earlier=earlier, coefficient=DIVERSITY) if earlier else Worlds
     return _from_scratch(task, "er", settings, seed, progress, jobs, kept, worlds)
 
 

@@ -33,7 +33,7 @@ def advice(rig: Rig, q: Array) -> str:
             lacking[joint] = needed - own
     if not lacking:
         return smaller
-    said = ", ".join(f"{{effect: armature, target: {joint}, inertia: {inertia:.2g}}}" for joint, inertia in lacking.items())
+    said = ", ".join(f"{{effect: armature, target: {joint}, inertia: {rotor:.2g}}}" for joint, rotor in lacking.items())
     return (
         f"servos are too hard for what they turn, of {', '.join(lacking)}. Geared motors have rotors: put theirs in {rig.path},"
         f" such as effects: [{said}] (diagnose then says by how much that is wrong); or {smaller}"
