@@ -38,6 +38,7 @@ from mpge_bench.harness.metrics import learning
 from mpge_bench.harness.result import read_result
 from mpge_bench.harness.run import run
 from mpge_bench.harness.settings import RunSettings
+from mpge_bench.leaderboard.results import SHARES
 
 ROOT = Path(__file__).parents[1]
 PAGE, STUDIES, PLOTS = ROOT / "docs" / "ablations.md", ROOT / "leaderboard" / "studies", ROOT / "docs" / "plots"
@@ -57,8 +58,8 @@ AGGREGATIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "the same, its weights W fixed at one": ("multipolar", ("weights=ones",)),
     "the same, its residual b a constant": ("multipolar", ("residual=constant",)),
 }
-#: Percentages of the samples at which MULTIPOLAR reports, and how many sources it has.
-SHARES, SOURCES = ("25", "50", "75", "100"), 4
+#: How many sources MULTIPOLAR has.
+SOURCES = 4
 app = typer.Typer(help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 _KEPT = Annotated[Path, typer.Option(help="folder for runs")]
 
@@ -78,10 +79,12 @@ def grounding(task: str = "broken_hopper", samples: int = 1000, seeds: int = 5, 
     for (count, members, name), (method, changes) in GROUNDINGS.items():
         for seed in track(range(seeds), f"{name}, K {count}, N {members}"):
             settings = RunSettings(task, method, samples, seed=seed, overrides=changes)
-            there = settings.folder(ROOT / "leaderboard" / "results") / "result.json"
-            done = read_result(there) if there.exists() else run(settings, kept)
+            folder = settings.folder(ROOT / "leaderboard" / "results")
+            if not folder.exists():
+                folder = settings.folder(kept)
+                run(settings, kept)
+            done, curve = read_result(folder / "result.json"), pd.read_parquet(folder / "curve.parquet")
             error, returned = done["action_transformation_error"]["value"], done["returns"]["policy"]["mean"]
-            curve = pd.read_parquet((there if there.exists() else settings.folder(kept) / "result.json").with_name("curve.parquet"))
             found = {"action error": error, "return": returned, "normalised": done["normalized_return"], "curve": curve.to_dict("list")}
             rows.append({"K": count, "N": members, "method": name, "seed": seed} | found)
         _write("grounding_ablations", rows, ["K", "N", "method", "action error", "normalised return", "of each seed"], _by_grounding(rows))

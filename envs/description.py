@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,6 +99,10 @@ class Description:
     def is_prismatic(self, joint: str) -> bool:
         """Whether `joint` slides (its position is in metres)."""
         return self._joint(joint).get("type") == "prismatic"
+
+    def stops(self, joints: Sequence[str]) -> Array:
+        """Lowest and highest position of `joints`, rad or m, infinite where there is no end stop, shape (joints, 2)."""
+        return np.array([stops(self._joint(joint)) or (-np.inf, np.inf) for joint in joints], float).reshape(-1, 2)
 
     def tree(self) -> list[Joint]:
         """All joints, fixed ones too and rotors left out, each after the one that carries it."""

@@ -15,8 +15,6 @@ from mpge_bench.diagnosis.data.rig import Rig
 from mpge_bench.diagnosis.settings import DataSettings
 from mpge_bench.envs.errors import UserError
 
-Array = npt.NDArray[np.float64]
-
 
 def between_stops(parts: Parts, horizon: float) -> Parts:
     """The recordings in stretches between end stops, each long enough for two windows of `horizon` s; those without any stop as they are.
@@ -56,24 +54,18 @@ def _between(recording: Recording, rig: Rig, horizon: float, settings: DataSetti
 
 def at_stops(recording: Recording, rig: Rig, settings: DataSettings) -> npt.NDArray[np.bool_]:
     """In which rows joints are at an end stop, or beyond, where the rig's file has none of the machine's; shape (rows, joints)."""
-    lowest, highest = _stops(rig).T
+    lowest, highest = rig.model.stops(rig.joints).T
     near = settings.near_stop * (highest - lowest)
     with np.errstate(invalid="ignore"):
         found = (recording.q < lowest + near) | (recording.q > highest - near)
     return np.asarray(found & np.isfinite(near))
 
 
-def _stops(rig: Rig) -> Array:
-    """Lowest and highest position of each joint, infinite where there is no stop, shape (joints, 2)."""
-    known = {joint.name: joint.stops for joint in rig.model.tree() if joint.stops is not None}
-    return np.array([known.get(joint, (-np.inf, np.inf)) for joint in rig.joints])
-
-
 def _said(recordings: Sequence[Recording], rig: Rig, settings: DataSettings) -> tuple[str, ...]:
     """A sentence on each joint that is at a stop in some rows."""
     share = np.concatenate([at_stops(one, rig, settings) for one in recordings]).mean(0)
     found = []
-    for column, (joint, (low, high)) in enumerate(zip(rig.joints, _stops(rig).tolist(), strict=True)):
+    for column, (joint, (low, high)) in enumerate(zip(rig.joints, rig.model.stops(rig.joints).tolist(), strict=True)):
         if share[column] > 0:
             q = np.concatenate([one.q[:, column] for one in recordings])
             unit = rig.units(joint).position

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -156,7 +156,7 @@ def _about(choice: Choice, parts: Parts, clock: Clock) -> dict[str, str]:
     cut = "" if parts.whole else f"the last {100 * problem.settings.data.unseen:.0f}% of "
     return {
         "horizon": f"{problem.horizon:g} s",
-        "held out": cut + ", ".join(dict.fromkeys(one.path.name for one in parts.unseen)),
+        "held out": cut + _listed(one.path.name for one in parts.unseen),
         "fitted to": fitted,
         "chosen by": f"all that it was fitted to and {chosen_by}" if chosen_by_all else chosen_by,
         "time taken": time_taken(clock.begun, choice.cut),
@@ -172,8 +172,12 @@ def _split(problem: Problem) -> tuple[str, str]:
     if len(names) == 1:
         return f"the first two thirds of the rest of {names[0]}", f"the last third of the rest of {names[0]}"
     if fitted & chosen_by:
-        every = ", ".join(dict.fromkeys(names))
+        every = _listed(names)
         return f"two of three windows of {every}", f"every third window of {every}: what is missed shows in some of the recordings only"
-    # Of a recording in several stretches some may be in either part.
-    told = [", ".join(dict.fromkeys(name for r, name in enumerate(names) if r in part)) for part in (fitted, chosen_by)]
+    told = [_listed(name for r, name in enumerate(names) if r in part) for part in (fitted, chosen_by)]
     return told[0], told[1]
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Each once: of a recording there may be several stretches."""
+    return ", ".join(dict.fromkeys(names))

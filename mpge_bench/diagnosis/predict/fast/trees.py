@@ -82,7 +82,6 @@ def flat_tree(model: Model, joints: Sequence[str], rotors: Sequence[float], grav
     index = {name: place for place, name in enumerate(joints)}
     whole: list[tuple[int, int, int]] = []
     rows: list[list[Array]] = []
-    stops = np.tile((-np.inf, np.inf), (len(joints), 1))
     # Of each link: the joint that carries it, counted in the order found, and its frame in that joint's.
     frames: dict[str, tuple[int, Array, Array]] = {}
     for joint in model.tree():
@@ -93,8 +92,6 @@ def flat_tree(model: Model, joints: Sequence[str], rotors: Sequence[float], grav
             x, y, z = axis
             cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
             whole.append((index[joint.name], own, int(joint.kind == "prismatic")))
-            if joint.stops is not None:
-                stops[index[joint.name]] = joint.stops
             rows.append([place, turn.ravel(), (turn @ cross).ravel(), (turn @ cross @ cross).ravel(), axis])
             own, turn, place = len(whole) - 1, np.eye(3), np.zeros(3)
         frames[joint.child] = own, turn, place
@@ -114,7 +111,7 @@ def flat_tree(model: Model, joints: Sequence[str], rotors: Sequence[float], grav
         np.array(pushes, float).reshape(-1, 7),
         np.array(model.gravity or gravity, float),
         np.array([(index[one.joint], index[one.other], one.ratio, one.stiffness, one.rest, one.damping) for one in model.ties], float).reshape(-1, 6),
-        stops,
+        model.stops(joints),
     )
 
 
